@@ -75,7 +75,7 @@ def half_turn_of(i: int, ctx: Context) -> float:
 
 
 @wp.func
-def along_curve(mu: float, half_turn: float) -> float:
+def along_corner(mu: float, half_turn: float) -> float:
     """Return the coefficient with which a corner of a rope rubs as the curve does that it stands for.
 
     Over an angle t the tension of a curve grows by exp(mu t) (Euler and Eytelwein). At a corner that is pressed along
@@ -87,11 +87,53 @@ def along_curve(mu: float, half_turn: float) -> float:
 
 
 @wp.func
+def along_side(mu: float, turn: float) -> float:
+    """Return the same for a segment that is pressed in its middle, between others that are pressed as well.
+
+    turn: from the middle of the rope's turn at one end to the middle of that at the other. Equal ratios of tensions
+    from segment to segment give r (1 + m r tan(t/2) + tan(t/2)^2) = m tan(t/2) with r = tanh(mu t/2).
+    """
+    if turn < 1.0e-3:
+        return mu
+    return wp.sinh(mu * turn) / wp.sin(wp.min(turn, 1.5))
+
+
+@wp.func
+def rubs(collider: ColliderMotion, ctx: Context) -> wp.vec2:
+    """Return the coefficients of static and kinetic friction of a body on a collider."""
+    static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
+    return wp.vec2(static, wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction))
+
+
+@wp.func
 def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of a body on a collider, at such a corner of a rope."""
-    static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
-    kinetic = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
-    return wp.vec2(along_curve(static, half_turn), along_curve(kinetic, half_turn))
+    mu = rubs(collider, ctx)
+    return wp.vec2(along_corner(mu[0], half_turn), along_corner(mu[1], half_turn))
+
+
+@wp.func
+def _touched(k: int, c: int, ctx: Context) -> bool:
+    """Return True if collider c touched segment k in the last substep."""
+    if k < 0 or k + 1 >= ctx.body.count:
+        return False
+    return ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c].when >= ctx.substep - 1
+
+
+@wp.func
+def friction_between(k: int, c: int, ctx: Context) -> wp.vec2:
+    """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
+
+    If both of its neighbours touch it too, the segment stands for the curve between them; if none does, for a corner.
+    """
+    mu, place = rubs(ctx.colliders[c], ctx), ctx.body.particles + k
+    turn = ctx.state.rope.half_turns[place] + ctx.state.rope.half_turns[place + 1]
+    before, after = _touched(k - 1, c, ctx), _touched(k + 1, c, ctx)
+    if before and after:
+        return wp.vec2(along_side(mu[0], turn), along_side(mu[1], turn))
+    if before or after:
+        return mu
+    return wp.vec2(along_corner(mu[0], turn), along_corner(mu[1], turn))
 
 
 @wp.func
@@ -101,16 +143,14 @@ def augmented(
     slip: wp.vec3,
     size: float,
     softness: float,
-    half_turn: float,
-    collider: ColliderMotion,
-    ctx: Context,
+    friction: wp.vec2,
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
 
     The state is 2 where it sticks, and less where it slides; from SLIDES on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
-    the collider's origin [m]. All are in the collider's axes. half_turn: of the rope there [rad].
+    the collider's origin [m]. All are in the collider's axes. friction: coefficients, static and kinetic.
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
@@ -120,7 +160,6 @@ def augmented(
     if pressed < -slack:
         return wp.vec4(0.0)
     rub, cone = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
-    friction = friction_of(collider, half_turn, ctx)
     most = friction[0] * cone
     if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
         most = slack
@@ -179,7 +218,7 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                found = augmented(before, met, slip, wp.length(offset), softness, turn, collider, ctx)
+                found = augmented(before, met, slip, wp.length(offset), softness, friction_of(collider, turn, ctx))
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
@@ -244,7 +283,7 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                found = augmented(before, met, slip, wp.length(p), softness, 0.0, collider, ctx)
+                found = augmented(before, met, slip, wp.length(p), softness, friction_between(k, c, ctx))
                 pressed = wp.dot(xyz(found), xyz(met))
                 acts = found[3] > 0.0 and w > 0.0
                 changed = changed or acts != (press.lean[3] > 0.0)
@@ -286,7 +325,7 @@ def keep_lean(k: int, near: Near, ctx: Context):
         lean = ctx.state.contact.presses[entry].lean
         if lean[3] > 0.0:
             n = xyz(lean)
-            most = friction_of(ctx.colliders[c], 0.0, ctx) * wp.max(wp.dot(acted, n), 0.0)
+            most = friction_between(k, c, ctx) * wp.max(wp.dot(acted, n), 0.0)
             rub = acted - wp.dot(acted, n) * n
             if wp.length(rub) > most[0]:
                 rub *= most[1] / wp.length(rub)

@@ -35,7 +35,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_tested,
     moved_since,
 )
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, keep_lean
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_between, keep_lean, rubs
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
@@ -188,18 +188,67 @@ def _make_gap(leans: bool):
     return gap_of
 
 
-def make_press_on(features: Features):
-    """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press.
+def _make_rubbed(leans: bool):
+    """Return a Warp function: the Press with its friction; `so_far` has the corrections before, and the pressure now.
 
-    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep.
+    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep. n,
+    and the friction that is returned, are in the collider's axes.
     """
+
+    @wp.func
+    def rubbed(
+        press: Press, last: Press, facet: Facet, corners: wp.vec3i, n: wp.vec3, friction: wp.vec2, ctx: Context
+    ) -> Press:
+        found = press
+        before, pressed = xyz(press.so_far), press.so_far[3]
+        found.stuck = last.stuck
+        found.anchor = last.anchor
+        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
+            found.stuck = press.weights
+            found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights)
+        # Friction acts at the point where the slip is measured.
+        found.rubbed = found.stuck
+        w = yielding(corners, found.rubbed, ctx)
+        slid = point_of(facet, found.stuck) - found.anchor
+        slid -= wp.dot(slid, n) * n
+        moves = float(1.0)
+        if wp.static(leans):
+            # Friction within the solve only has its multiplier cut to the cone, see `settled`.
+            moves = wp.where(last.lean[3] > 0.0, 0.0, 1.0)
+        slid *= moves
+        rubbed_before = w * (before - wp.dot(before, n) * n)
+        rub = friction_correction(slid, rubbed_before, w * pressed, friction[0], friction[1])
+        if wp.length_sq(rub - (rubbed_before - slid)) > 0.0:
+            found.stuck = wp.vec3(0.0)
+        found.rub = (moves / w) * (rub - rubbed_before)
+        found.so_far = pack(rub / w, pressed)
+        return found
+
+    return rubbed
+
+
+def _make_friction(leans: bool):
+    """Return a Warp function: the coefficients of static and kinetic friction of a facet on collider c."""
+
+    @wp.func
+    def friction_on(corners: wp.vec3i, c: int, ctx: Context) -> wp.vec2:
+        if wp.static(leans):
+            return friction_between(corners[0], c, ctx)
+        return rubs(ctx.colliders[c], ctx)
+
+    return friction_on
+
+
+def make_press_on(features: Features):
+    """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press."""
     meet, touched_in, is_squeezed, leans = (
         make_ccd(features.shapes),
         make_touched_in(features),
         make_is_facet_squeezed(features),
         features.leans,
     )
-    so_far_of, gap_of = _make_so_far(leans), _make_gap(leans)
+    so_far_of, gap_of, friction_on = _make_so_far(leans), _make_gap(leans), _make_friction(leans)
+    rubbed = _make_rubbed(leans)
 
     @wp.func
     def press_on(
@@ -228,32 +277,13 @@ def make_press_on(features: Features):
         n = xyz(touching)
         softness = collider.compliance * ctx.step.inverse_square / (w * points_of(corners, ctx))
         more = outward(gap, w * before[3], softness) / w
-        pressed = before[3] + more
-        mu = friction_of(collider, 0.0, ctx)
-        press.stuck = last.stuck
-        press.anchor = last.anchor
-        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
-            press.stuck = weights
-            press.anchor = point_of(facet, weights) - slip
-        # Friction acts at the point where the slip is measured.
-        press.rubbed = press.stuck
-        w_rubbed = yielding(corners, press.rubbed, ctx)
-        slid = point_of(facet, press.stuck) - press.anchor
-        slid -= wp.dot(slid, n) * n
-        moves = float(1.0)
-        if wp.static(leans):
-            # Friction within the solve only has its multiplier cut to the cone, see `settled`.
-            moves = wp.where(before[3] > 0.0, 0.0, 1.0)
-        slid *= moves
-        rubbed_before = w_rubbed * (xyz(before) - wp.dot(xyz(before), n) * n)
-        rubbed = friction_correction(slid, rubbed_before, w_rubbed * pressed, mu[0], mu[1])
-        if wp.length_sq(rubbed - (rubbed_before - slid)) > 0.0:
-            press.stuck = wp.vec3(0.0)
         press.weights = weights
-        press.normal = wp.transpose(sweep.to_local) * n
+        press.so_far = pack(xyz(before), before[3] + more)
+        press = rubbed(press, last, facet, corners, n, friction_on(corners, c, ctx), ctx)
+        back = wp.transpose(sweep.to_local)
+        press.normal = back * n
         press.push = more * press.normal
-        press.rub = wp.transpose(sweep.to_local) * ((moves / w_rubbed) * (rubbed - rubbed_before))
-        press.so_far = pack(rubbed / w_rubbed, pressed)
+        press.rub = back * press.rub
         if wp.static(leans):
             press.so_far *= ctx.step.inverse_square
         press.load = load_on_facet(squeezed, c, points_of(corners, ctx), ctx)
