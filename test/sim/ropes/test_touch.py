@@ -137,14 +137,26 @@ def hung_over(radius, length, segments, thickness):
     return np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
 
 
-@pytest.mark.parametrize(("radius", "segments", "stretch"), [(0.017, 40, 0.03), (0.05, 40, 0.02), (0.03, 30, 0.06)])
-def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device, radius, segments, stretch):
-    """T2 / T1 = exp(mu pi) (Euler and Eytelwein). One segment was strained by half of its length."""
-    mu, length = 0.4, 0.5
+@pytest.mark.parametrize(
+    ("kind", "radius", "segments", "stretch", "mu"),
+    [
+        (Capsule, 0.017, 40, 0.03, 0.4),
+        (Capsule, 0.05, 40, 0.02, 0.4),
+        (Capsule, 0.03, 30, 0.06, 0.4),
+        (Cylinder, 0.05, 13, 0.03, 0.3),
+        (Cylinder, 0.05, 25, 0.03, 0.5),
+    ],
+)
+def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device, kind, radius, segments, stretch, mu):
+    """T2 / T1 = exp(mu pi) (Euler and Eytelwein). A cylinder touches the segments, of which 4 are on the half turn.
+
+    One segment was strained by half of its length, and on a cylinder the ratio was 0.2 to 0.6 of that.
+    """
+    length = 0.5
     rubs = {"static_friction": mu, "kinetic_friction": mu}
     rope = Rope.of("cotton rope", start=(0, 0, 0), end=(0, 0, -length), segments=segments, pins=[0], **rubs)
     points = hung_over(radius, length, segments, rope.radius)
-    peg = Capsule(radius=radius, half_length=0.2, orientation=ACROSS, **rubs)
+    peg = kind(radius=radius, half_length=0.2, orientation=ACROSS, **rubs)
     hand = Handle(position=tuple(points[-1]), reach=0.006)
     sim = Simulation(Scene({"rope": rope}, {"peg": peg}, handles={"hand": hand}), Settings(), device=device)
     sim.set_positions("rope", points)
@@ -155,7 +167,8 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device,
         sim.step()
     pull, x = sim.tensions("rope").astype(float), sim.positions("rope").astype(float)
     assert pull[-2] / pull[0] == pytest.approx(np.exp(mu * np.pi), rel=0.04)
-    assert np.hypot(x[:, 0], x[:, 2]).min() > radius + 0.99 * rope.radius
+    middles = 0.5 * (x[1:] + x[:-1]) if sim.choices["rope"].surface else x
+    assert np.hypot(middles[:, 0], middles[:, 2]).min() > radius + 0.99 * rope.radius
     strain = np.linalg.norm(np.diff(x, axis=0), axis=1) / (length / segments) - 1.0
     assert strain.max() < 1.1 * pull[-2] / 1.5e4
 
