@@ -412,6 +412,20 @@ GRIPPER = (
     *_PLACE,
 )
 
+GRIPPER_JOINT = (
+    *(
+        Parameter(name, "string", "", text, fixed=True)
+        for name, text in (
+            ("joint", "Name of its joint in the messages of these topics; empty: the gripper's own."),
+            ("joint_commands", "Topic of sensor_msgs/JointState that moves it, as of ros2_control; empty is none."),
+            ("joint_trajectory", "Topic of trajectory_msgs/JointTrajectory that moves it; empty is none."),
+            ("joint_states", "Topic of sensor_msgs/JointState on which its joint is told; empty is none."),
+        )
+    ),
+    replace(number("joint_closed", 0, "Position of the joint where its fingers meet.", "", -1e3, 1e3), fixed=True),
+    replace(number("joint_open", 0.08, "Position of the joint at max_opening.", "", -1e3, 1e3), fixed=True),
+)
+
 SPARE_COLLIDERS = Parameter(
     "spare_colliders",
     "integer",

@@ -10,7 +10,7 @@ ROOT = Path(cloth_sim_ros.__file__).parent
 # From the lowest to the highest. A folder may import those before it, and itself.
 PACKAGE = (
     "parameters signals options shared_files status_line programs "
-    "sim drawing ros study record viewer identify learn demo"
+    "sim drawing ros study record viewer identify learn cosim demo"
 ).split()
 SIM = (
     "kernels physics input mesh_file colliders scene topology arrays features lines ropes substeps program executors "

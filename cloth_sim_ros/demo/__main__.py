@@ -49,6 +49,9 @@ def main(arguments: list[str] | None = None) -> int:
             node = start_node(config, "-p", "publish_clock:=true")  # by which the driver goes
             try:
                 scene = watch(stop, node, scene, options.seconds)
+            except ImportError as error:  # of a driver
+                print(f"cloth_sim_demo: {error}", file=sys.stderr)
+                return 1
             finally:
                 status = end(node)
     finally:

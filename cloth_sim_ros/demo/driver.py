@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the drivers of scenes share: an ordinary ROS node that sends poses and wind and calls services of cloth_sim.
 
-`cloth_sim_driver SCENE` runs the driver of a scene beside a node that runs already; `-p node:=NAME` names the node.
+`cloth_sim_driver SCENE` runs the driver of a scene beside a node that runs already; `--ros-args -p node:=NAME` names
+the node. `--rate HZ` says how often it sends.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -30,7 +32,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from cloth_sim_ros.shared_files import shared
 
-RATE = 60.0  # [Hz] of poses and wind
+RATE = 60.0  # [Hz] of poses and wind, unless told otherwise
+FASTEST = 1000.0  # [Hz]
 PATIENCE = 5.0  # [s] with which it waits for answers before it asks again
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -42,37 +45,41 @@ class SceneDriver(Node):
     """Drives the node that the parameter `node` names, from the moment on that it is there.
 
     With `use_sim_time` it goes by /clock: where the node sends that, motions are the same on a slow machine.
-    moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what gets numbers, such as
-    "grippers/hand/force" or "cable/winch". A driver of a scene implements `drive`.
+    named: the node. moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what gets numbers,
+    such as "grippers/hand/force" or "cable/winch". A driver of a scene implements `drive`.
     """
 
     def __init__(self, scene: str, moves: Sequence[str] = (), numbers: Sequence[str] = ()):
         super().__init__(f"{scene}_driver")
-        self._node = self.resolve_service_name(self.declare_parameter("node", "cloth_sim").value)
+        self.named = self.resolve_service_name(self.declare_parameter("node", "cloth_sim").value)
         self._poses = {
-            thing: self.create_publisher(PoseStamped, f"{self._node}/{thing}/pose", NEWEST_ONLY) for thing in moves
+            thing: self.create_publisher(PoseStamped, f"{self.named}/{thing}/pose", NEWEST_ONLY) for thing in moves
         }
-        self._numbers = {what: self.create_publisher(Float64, f"{self._node}/{what}", NEWEST_ONLY) for what in numbers}
-        self._wind = self.create_publisher(Vector3Stamped, f"{self._node}/wind", NEWEST_ONLY)
+        self._numbers = {what: self.create_publisher(Float64, f"{self.named}/{what}", NEWEST_ONLY) for what in numbers}
+        self._wind = self.create_publisher(Vector3Stamped, f"{self.named}/wind", NEWEST_ONLY)
         self._attach = {
-            hand: self.create_client(SetBool, f"{self._node}/{hand}/attach")
+            hand: self.create_client(SetBool, f"{self.named}/{hand}/attach")
             for hand in moves
             if hand.startswith("handles/")
         }
         self._holds: dict[str, bool] = {}  # what was asked for last
-        self._reset = self.create_client(Trigger, f"{self._node}/reset")
-        self._pause = self.create_client(SetBool, f"{self._node}/pause")
+        self._reset = self.create_client(Trigger, f"{self.named}/reset")
+        self._pause = self.create_client(SetBool, f"{self.named}/pause")
         self._asked: float | None = None  # when it asked to begin again, until that is done
-        self._set = self.create_client(SetParameters, f"{self._node}/set_parameters")
+        self._set = self.create_client(SetParameters, f"{self.named}/set_parameters")
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._set_by_others: set[str] = set()
         self._begin: float | None = None  # when the node was there
-        self.create_timer(1.0 / RATE, self._step)
+        self._timer = self.create_timer(1.0 / RATE, self._step)
         # By the wall, as /clock stands while the node is paused.
         self.create_timer(1.0, self._ask_again, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def go_at(self, rate: float) -> None:
+        """Has it send poses and wind `rate` times a second."""
+        self._timer.timer_period_ns = round(1e9 / rate)
+
     def drive(self, t: float) -> None:
-        """Says what is to happen at `t` [s] since the beginning; called RATE times a second."""
+        """Says what is to happen at `t` [s] since the beginning; called at the rate of `go_at`."""
         raise NotImplementedError
 
     def move(self, thing: str, position: Vector, orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)) -> None:
@@ -146,7 +153,7 @@ class SceneDriver(Node):
         message.header.stamp = self.get_clock().now().to_msg()
 
     def _on_parameters(self, event: ParameterEvent) -> None:
-        if event.node == self._node:
+        if event.node == self.named:
             self._set_by_others |= {parameter.name for parameter in event.changed_parameters}
 
 
@@ -157,7 +164,7 @@ def has_driver(scene: str) -> bool:
 
 
 def driver_of(scene: str) -> SceneDriver:
-    """The driver of a scene that has one."""
+    """The driver of a scene that has one. Raises ImportError, with what to install, where something is missing."""
     return importlib.import_module(f"cloth_sim_ros.demo.{scene}").Driver()
 
 
@@ -165,6 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Drives a scene until a signal comes; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", help="a scene of config/")
+    parser.add_argument("--rate", type=_rate, default=RATE, help="[Hz] of what it sends")
     given = sys.argv if arguments is None else [sys.argv[0], *arguments]
     options = parser.parse_args(remove_ros_args(given)[1:])
     if not has_driver(options.scene):
@@ -173,7 +181,12 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"cloth_sim_driver: {options.scene} has no driver; allowed is one of {allowed}", file=sys.stderr)
         return 1
     rclpy.init(args=given)
-    driver = driver_of(options.scene)
+    try:
+        driver = driver_of(options.scene)
+    except ImportError as error:
+        print(f"cloth_sim_driver: {error}", file=sys.stderr)
+        return 1
+    driver.go_at(options.rate)
     try:
         rclpy.spin(driver)
     except (KeyboardInterrupt, ExternalShutdownException):
@@ -181,6 +194,17 @@ def main(arguments: list[str] | None = None) -> int:
     driver.destroy_node()
     rclpy.try_shutdown()
     return 0
+
+
+def _rate(text: str) -> float:
+    """A rate [Hz]. Raises ArgumentTypeError where `text` is none."""
+    try:
+        rate = float(text)
+    except ValueError:
+        rate = math.nan
+    if not 1.0 <= rate <= FASTEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is no rate; allowed is a number from 1 to {FASTEST:g} Hz")
+    return rate
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from cloth_sim_ros.parameters import Parameter
 from cloth_sim_ros.ros.inputs import messages as inputs
 from cloth_sim_ros.ros.inputs.commands import NEWEST_ONLY, Commands
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.gripper_joints import GripperJoints
 from cloth_sim_ros.ros.inputs.robot_topics import RobotTopics
 from cloth_sim_ros.ros.outputs.clock import ClockOutput
 from cloth_sim_ros.ros.outputs.diagnostics import DiagnosticsOutput, busy, diagnostics
@@ -84,6 +85,7 @@ class ClothSimNode(Node):
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
         world.grasps.told = self._tell_attached
         Commands(self, self._loop, self._bridge, self._frames, self._complaints)
+        GripperJoints(self, self._loop, self._bridge, self._complaints)
         RobotTopics(self, self._bridge, self._frames, self._complaints)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)

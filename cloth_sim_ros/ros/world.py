@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -172,6 +172,10 @@ class World:
         """Sets the opening [m] or the force [N] of a gripper from a message."""
         self.grippers.command(name, what, value)
 
+    def move_gripper(self, name: str, points: Sequence[tuple[float, float]]) -> None:
+        """Has a gripper go through points of time from now on [s] and opening [m]; without any it stays."""
+        self.grippers.follow(name, self.simulated, points)
+
     def reset(self) -> None:
         """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
         their senders believe."""
@@ -244,7 +248,7 @@ class World:
         for name in self._followers.advance(self.tracks, self.in_effect, self.mounts):
             self.sim.set_collider_pose(name, **vars(self.tracks[name].pose), sweep=False)
             self.journal.cut()  # it has no act that puts a collider elsewhere without a motion
-        self.grippers.advance(self.sim, self.tracks)
+        self.grippers.advance(self.sim, self.tracks, self.simulated + frame_dt)
         scene = self.sim.scene
         for name, track in self.tracks.items():
             move = self.sim.set_handle_pose if name in scene.handles else self.sim.set_collider_pose

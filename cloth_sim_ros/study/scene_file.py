@@ -23,7 +23,7 @@ PARAMETERS = "ros__parameters"
 def read_plan(path: Path) -> Plan:
     """The scene, settings and device that the node would make of a file. Raises ValueError for what it would leave
     out."""
-    given = dict(_flat(yaml.safe_load(_text(path)), path))
+    given = dict(_flat(_document(path), path))
     rows = names.fixed_rows()
     values = {name: _value(row, name, given) for name, row in rows.items()}
     if not values["objects"]:
@@ -55,6 +55,13 @@ def _text(path: Path) -> str:
         return Path(path).read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from None
+
+
+def _document(path: Path) -> Any:
+    try:
+        return yaml.safe_load(_text(path))
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
 
 
 def _flat(document: Any, path: Path) -> Iterator[tuple[str, Any]]:

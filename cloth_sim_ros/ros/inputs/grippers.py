@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,13 @@ class Grippers:
     """Owned by the thread that simulates. It moves the fingers by their tracks, as topics move colliders.
 
     drivers: by name, of the grippers that are there. asked: gripper -> what a topic asked for last and how much of it,
-    until a parameter does.
+    until a parameter does. plans: gripper -> times of the simulation [s] and openings [m] that it goes through.
     """
 
     def __init__(self) -> None:
         self.drivers: dict[str, GripperDriver] = {}
         self.asked: dict[str, tuple[str, float]] = {}
+        self.plans: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self.is_driven = True  # else the fingers' tracks are moved from elsewhere, as by a recording
 
     def prepare(self, grippers: Mapping[str, Gripper], tracks: Mapping[str, PoseTrack]) -> dict[str, GripperDriver]:
@@ -58,17 +59,28 @@ class Grippers:
 
     def look(self, sim: Simulation, asked: Mapping[str, tuple[str, float]]) -> None:
         """Goes on from where the fingers are in a state that was loaded, in which topics had asked for this."""
-        self.asked = dict(asked)
+        self.asked, self.plans = dict(asked), {}
         for name, driver in self.drivers.items():
             left, right = (np.array(sim.get(f"{finger}.position")) for finger in finger_names((name,)))
             driver.opening = float(np.linalg.norm(left - right)) - driver.gripper.finger_size[1]
         self.build(self.drivers)
 
     def command(self, name: str, what: str, value: float) -> None:
-        """Sets an opening [m] or a force [N] by a message."""
+        """Sets an opening [m] or a force [N] by a message, in the place of a plan."""
+        self.plans.pop(name, None)
         self.asked[name] = what, value
         if name in self.drivers:
             _drive(self.drivers[name], what, value)
+
+    def follow(self, name: str, now: float, points: Sequence[tuple[float, float]]) -> None:
+        """Has a gripper go through openings [m], each so many seconds after `now` [s]; without points it stays."""
+        opening = self.drivers[name].opening if name in self.drivers else points[0][1] if points else None
+        if opening is None:
+            return
+        times, openings = zip((0.0, opening), *points, strict=True)
+        self.command(name, "opening", openings[-1])
+        if points:
+            self.plans[name] = now + np.array(times), np.array(openings)
 
     def set_parameter(self, sim: Simulation | None, name: str, field: str, value: Any) -> None:
         """Sets a live parameter of a gripper; its pose is a track's."""
@@ -77,6 +89,7 @@ class Grippers:
             return
         if field in ASKED:
             self.asked.pop(name, None)
+            self.plans.pop(name, None)
             _drive(driver, field, value)
         elif field == "speed":
             driver.set_speed(value)
@@ -84,12 +97,17 @@ class Grippers:
             for finger in finger_names((name,)):
                 sim.set(f"{finger}.{field}", value)
 
-    def advance(self, sim: Simulation, tracks: Mapping[str, PoseTrack]) -> None:
-        """Has the tracks of the fingers go where they are to be at the end of the coming frame."""
+    def advance(self, sim: Simulation, tracks: Mapping[str, PoseTrack], until: float) -> None:
+        """Has the tracks of the fingers go where they are to be at the end of the coming frame, at `until` [s]."""
         if not self.is_driven:
             return
         frame_dt = sim.settings.frame_dt
         for name, driver in self.drivers.items():
+            if name in self.plans:
+                times, openings = self.plans[name]
+                driver.open_to(float(np.clip(np.interp(until, times, openings), 0.0, driver.gripper.max_opening)))
+                if until >= times[-1]:
+                    del self.plans[name]
             pose = tracks[name].advance(frame_dt) or tracks[name].pose
             driver.move(pose.position, pose.orientation)
             if driver.gripper.force > 0.0:

@@ -67,14 +67,18 @@ def _node_keys(mapping: yaml.MappingNode, prefix: str) -> Iterator[str]:
     for key, value in mapping.value:
         if key.value == "ros__parameters":
             yield prefix
-        elif isinstance(value, yaml.MappingNode):
-            yield from _node_keys(value, f"{prefix}/{str(key.value).strip('/')}")
+        elif isinstance(value, yaml.MappingNode) and isinstance(key, yaml.ScalarNode):
+            yield from _node_keys(value, f"{prefix}/{key.value.strip('/')}")
 
 
 def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain) -> bool:
     """Mends `mapping` in place; whether anything had to be."""
     mended, kept = False, []
     for key, value in mapping.value:
+        if not isinstance(key, yaml.ScalarNode):
+            complain(f"{path}, line {key.start_mark.line + 1}: a list or a mapping is no name and is ignored")
+            mended = True
+            continue
         name, trouble = f"{prefix}{key.value}", ""
         if isinstance(value, yaml.MappingNode):
             inner = "" if key.value == "ros__parameters" or not prefix and key.value[:1] in "/" else f"{name}."
@@ -87,7 +91,8 @@ def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain)
         elif value.tag.endswith(":null") and not value.value:
             trouble = "has no value"
         if trouble:
-            complain(f"{path}, line {key.start_mark.line + 1}: {name} {trouble} and is ignored")
+            shown = " ".join(name.split())
+            complain(f"{path}, line {key.start_mark.line + 1}: {shown} {trouble} and is ignored")
             mended = True
         else:
             kept.append((key, value))

@@ -35,7 +35,7 @@ COLLIDER, HANDLE, GRIPPER = (
         replace(row, live=True, anew=False) if row.name in ("position", "orientation") else row
         for row in (*rows, table.FOLLOW_FRAME)
     )
-    for rows in (table.COLLIDER, table.HANDLE, table.GRIPPER)
+    for rows in (table.COLLIDER, table.HANDLE, (*table.GRIPPER, *table.GRIPPER_JOINT))
 )
 
 

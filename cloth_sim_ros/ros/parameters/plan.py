@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros import parameters
 from cloth_sim_ros.ros.inputs.pose_track import Pose, composed
 from cloth_sim_ros.ros.inputs.robot import GROUP, read_robot
 from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Seam, Settings, Winch, Wind
@@ -229,7 +230,10 @@ def make_handle(values: Values, name: str) -> Handle:
 def make_gripper(values: Values, name: str) -> Gripper:
     """The gripper called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
-    del own["follow_frame"]
+    for row in (parameters.FOLLOW_FRAME, *parameters.GRIPPER_JOINT):
+        del own[row.name]
+    if values[f"{name}.joint_open"] == values[f"{name}.joint_closed"]:
+        raise ValueError(f"{name}.joint_open is {values[f'{name}.joint_open']:g}, as is joint_closed; they must differ")
     try:
         gripper = Gripper(**own)
     except ValueError as error:

@@ -42,6 +42,7 @@ _LIVE_SETTINGS = tuple(row.name for row in table.SOLVER if row.live)
 _FIXED_SETTINGS = ("frame_dt", *(row.name for row in table.SOLVER if not row.live))
 _TYPES = {"bool": (bool,), "int": (int,), "float": (int, float), "str": (str,)}  # field type -> JSON types
 _MOST_SUBSTEPS = 100_000  # largest number of substeps per frame; a frame of more takes seconds
+_MOST = {"iterations": table.row(table.SOLVER, "iterations").high}  # of a Choice
 
 
 class Saving:
@@ -96,7 +97,7 @@ class Saving:
             except Exception as error:  # odd entries can raise anything
                 raise ValueError(f"{path} cannot be used: {reason(error)}; {ALLOWED}") from None
             arrays = file.arrays(_on_host(targets))
-        _check_indices(path, derived, arrays)
+        _check_numbers(path, derived, arrays)
         self._bodies.adopt(derived)
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
@@ -187,27 +188,40 @@ def _choice(fields: dict[str, Any]) -> Choice:
     choice = Choice(**fields)
     for field in dataclasses.fields(choice):
         value = getattr(choice, field.name)
-        if type(value) not in _TYPES[field.type] or (field.type == "int" and not 1 <= value <= _MOST_SUBSTEPS):
+        if type(value) not in _TYPES[field.type] or (
+            field.type == "int" and not 1 <= value <= _MOST.get(field.name, _MOST_SUBSTEPS)
+        ):
             raise ValueError(f"it has {field.name} {table.shown(value)}")
     if choice.method not in ("verlet", "xpbd") or choice.order > 2:
         raise ValueError(f"it has the method {table.shown(choice.words)}")
     return choice
 
 
-def _check_indices(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) -> None:
-    """Raise ValueError if an index in `arrays` is out of range for `bodies`, as kernels do not check them."""
+def _check_numbers(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) -> None:
+    """Raise ValueError if an index or count in `arrays` is out of range for `bodies`, as kernels do not check them."""
+    handles, colliders = len(bodies.scene.handles), len(bodies.colliders.mirrors()["rows"][0])
+    ranges = [("frame/rows", field, 0, table.row(table.SOLVER, field).high) for field in ("substeps", "iterations")]
+    ranges.append(("colliders/rows", "opposite", 0, colliders))
     for k, batch in enumerate(bodies.batches):
-        segments, handles = np.array(batch.counts) - 1, len(bodies.scene.handles)
-        for name, field, most in (
-            ("grips", (..., 3), handles + 1),
-            ("panels", ..., sum(batch.counts)),
-            ("panel_parts", (..., 0), len(segments)),
-            ("winches", "index", segments),
-            ("good_winches", "index", segments),
-        ):
-            rows = arrays.get(f"batch{k}/{name}")
-            if rows is not None and not ((rows[field] >= 0) & (rows[field] < most)).all():
-                raise ValueError(f"{path} cannot be used: {name} names what is not there; {ALLOWED}")
+        segments = np.array(batch.counts) - 1
+        ranges += [
+            (f"batch{k}/{name}", *each)
+            for name, *each in (
+                ("grips", (..., 3), 0, handles),
+                ("panels", ..., 0, sum(batch.counts) - 1),
+                ("panel_parts", (..., 0), 0, len(segments) - 1),
+                ("substeps", ..., 0, _MOST_SUBSTEPS),
+                *((name, "index", 0, segments - 1) for name in ("winches", "good_winches")),
+                *((name, by, -1, handles) for name in ("twists", "good_twists") for by in ("start_by", "end_by")),
+            )
+        ]
+        if f"batch{k}/factors" in arrays:
+            most = _MOST_SUBSTEPS // np.maximum(arrays[f"batch{k}/substeps"], 1)
+            ranges.append((f"batch{k}/factors", ..., 0, most))
+    for name, field, least, most in ranges:
+        rows = arrays.get(name)
+        if rows is not None and not ((rows[field] >= least) & (rows[field] <= most)).all():
+            raise ValueError(f"{path} cannot be used: {name} names what is not there; {ALLOWED}")
 
 
 def structure_of(bodies: Bodies) -> dict[str, str]:

@@ -119,6 +119,18 @@ def test_odd_headers_are_refused(state):
         assert refusal(state, with_header({**described, **odd})), odd
 
 
+def test_more_substeps_than_end_are_refused(state):
+    """A frame of millions would hold up all who wait for it, and no signal ends it."""
+    _, _, arrays = state
+    found = 0
+    for name, rows in arrays.items():
+        if name.rpartition("/")[2] in ("substeps", "factors"):
+            for number in (-1, 4_751_424):
+                assert "names what is not there" in refusal(state, {name: np.full_like(rows, number)})
+                found += 1
+    assert found >= 4
+
+
 def test_indices_of_nothing_are_refused(state):
     _, _, arrays = state
     fields = {"grips": (..., 3), "panels": ..., "panel_parts": (..., 0), "winches": "index", "good_winches": "index"}

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Grippers by the messages of ros2_control: commands and trajectories of a joint. None is lost that has come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from cloth_sim_ros.ros.inputs.frames import Refused
+from cloth_sim_ros.ros.inputs.grippers import STRONGEST
+from cloth_sim_ros.ros.inputs.messages import Complaints
+from cloth_sim_ros.ros.joints import Joint, topic_of
+from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.time.loop import SimulationLoop
+
+EVERY_ONE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+ROUNDING = 1e-3  # of the widest opening, by which a position may be beyond its ends without a word
+
+
+class GripperJoints:
+    """The subscriptions of `node`, whose callbacks run in the executor's thread.
+
+    A command waits in the loop's queue while the simulation is built, and acts while it is paused.
+    """
+
+    def __init__(self, node: Node, loop: SimulationLoop, bridge: ParameterBridge, complaints: Complaints):
+        self._node, self._loop, self._bridge, self._complaints = node, loop, bridge, complaints
+        for gripper in bridge.values["grippers"]:
+            for field, kind, read in (
+                ("joint_commands", JointState, self._command),
+                ("joint_trajectory", JointTrajectory, self._trajectory),
+            ):
+                topic = topic_of(bridge.values, gripper, field, node.get_logger())
+                if topic:
+                    node.create_subscription(kind, topic, partial(self._on, topic, gripper, read), EVERY_ONE)
+
+    def _on(self, topic: str, gripper: str, read: Callable, message: Any) -> None:
+        joint = Joint.of(self._bridge.values, gripper)
+        try:
+            command = read(topic, gripper, joint, message)
+        except Refused as reason:
+            self._complaints.refuse(topic, reason)
+            return
+        if command is not None:
+            self._loop.submit(command)
+
+    def _command(self, topic: str, gripper: str, joint: Joint, message: JointState) -> Callable | None:
+        """What a command has the loop do: to an opening, or with a force where there is no position.
+
+        NaN is no command, as in ros2_control.
+        """
+        if joint.name not in message.name:
+            return None  # of other joints
+        number = message.name.index(joint.name)
+        position, effort = (
+            _of_joint(getattr(message, what), number, len(message.name), what) for what in ("position", "effort")
+        )
+        if not math.isnan(position):
+            return partial(self._set, gripper, "opening", self._opening(topic, joint, position))
+        if math.isnan(effort):
+            raise Refused("empty", f"it has neither a position nor an effort of its joint {joint.name}")
+        force = effort / abs(joint.slope)
+        if not 0.0 <= force <= STRONGEST:
+            raise Refused("size", f"its effort {effort:g} is a force of {force:g} N, not from 0 to {STRONGEST:g}")
+        return partial(self._set, gripper, "force", force)
+
+    def _trajectory(self, topic: str, gripper: str, joint: Joint, message: JointTrajectory) -> Callable | None:
+        """What a trajectory has the loop do. Its times count from its stamp; a stamp of zero means now."""
+        if joint.name not in message.joint_names:
+            return None
+        number, stamp = message.joint_names.index(joint.name), message.header.stamp
+        begin = stamp.sec + 1e-9 * stamp.nanosec
+        late = 1e-9 * self._node.get_clock().now().nanoseconds - begin if begin else 0.0
+        points, before = [], -math.inf
+        for point in message.points:
+            position = _of_joint(point.positions, number, len(message.joint_names), "position")
+            if math.isnan(position):
+                raise Refused("empty", f"a point has no position of its joint {joint.name}")
+            after = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
+            if after < 0.0 or after <= before:
+                raise Refused("order", f"a point at {after:g} s follows one at {max(before, 0.0):g} s")
+            before = after
+            points.append((after - late, self._opening(topic, joint, position)))
+        ahead = [point for point in points if point[0] > 0.0]
+        return partial(self._move, gripper, ahead or [(0.0, points[-1][1])] if points else [])
+
+    def _opening(self, topic: str, joint: Joint, position: float) -> float:
+        """The opening [m] of a position, cut to what there is."""
+        opening = joint.opening(position)
+        if not -ROUNDING * joint.widest <= opening <= (1.0 + ROUNDING) * joint.widest:
+            ends = f"{joint.closed:g} and {joint.open:g}"
+            self._complaints.cut(topic, f"the position {position:g} of {joint.name} is not between {ends}")
+        return min(max(opening, 0.0), joint.widest)
+
+    def _set(self, gripper: str, what: str, value: float) -> None:
+        self._loop.world.set_gripper(gripper, what, value)
+
+    def _move(self, gripper: str, points: Sequence[tuple[float, float]]) -> None:
+        self._loop.world.move_gripper(gripper, points)
+
+
+def _of_joint(numbers: Sequence[float], number: int, count: int, what: str) -> float:
+    """The number of a joint, NaN where there is none. Raises Refused."""
+    if len(numbers) == 0:
+        return math.nan
+    if len(numbers) != count:
+        raise Refused("length", f"it has {count} names, and {len(numbers)} numbers as {what}")
+    if math.isinf(numbers[number]):
+        raise Refused("finite", f"its {what} {numbers[number]:g} is not finite")
+    return numbers[number]

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A gripper as ros2_control sees it: one joint, whose position says how far the fingers are open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
+
+
+@dataclass(frozen=True)
+class Joint:
+    """closed, open: positions [m or rad] where the fingers meet, and where they are `widest` [m] apart."""
+
+    name: str
+    closed: float
+    open: float
+    widest: float
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], gripper: str) -> Joint:
+        """The joint of a gripper by its parameters."""
+        ends = (values[f"{gripper}.{field}"] for field in ("joint_closed", "joint_open", "max_opening"))
+        return cls(values[f"{gripper}.joint"] or gripper, *ends)
+
+    @property
+    def slope(self) -> float:
+        """Opening over position. By virtual work an effort of the joint is this times the force of a finger."""
+        return self.widest / (self.open - self.closed)
+
+    def position(self, opening: float) -> float:
+        """The position at an opening [m]."""
+        return self.closed + opening / self.slope
+
+    def opening(self, position: float) -> float:
+        """The opening [m] at a position, which may be beyond both ends."""
+        return (position - self.closed) * self.slope
+
+
+def topic_of(values: Mapping[str, Any], gripper: str, field: str, log: Any) -> str:
+    """The topic that a parameter of a gripper names; "" for none, and for a name that no topic can have, with an error
+    in the log."""
+    name = f"{gripper}.{field}"
+    topic = values[name]
+    if not topic or values[f"{gripper}.joint_open"] == values[f"{gripper}.joint_closed"]:
+        return ""
+    try:
+        validate_topic_name(topic)
+    except InvalidTopicNameException as error:
+        log.error(f"{name} is '{topic}', left out: {' '.join(str(error).split())}")
+        return ""
+    return topic

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A gripper as a joint of ros2_control: commands, trajectories and states, of which none is lost."""
+
+import math
+
+import pytest
+from builtin_interfaces.msg import Duration
+from client import seconds
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from cloth_sim_ros.ros.joints import Joint
+
+# As of a gripper whose joint turns by 0.8 rad while it closes from 0.08 m.
+JAW = """
+/**:
+  ros__parameters:
+    objects: [swatch]
+    grippers: [jaw]
+    swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], position: [0, 0, 5], pins: corners}
+    jaw: {joint: knuckle, joint_commands: /jaw_commands, joint_states: /jaw_states, joint_trajectory: /jaw/trajectory,
+          joint_closed: 0.8, joint_open: 0.0, speed: 1.0}
+"""
+RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+
+
+@pytest.fixture
+def jaw(start, client):
+    """A node with that gripper, what it tells, and how to send a message once, as topic_based_ros2_control does."""
+    node = start(JAW)
+    node.states = client.listen(JointState, "/jaw_states", qos_profile_sensor_data)
+    senders = {
+        topic: client.node.create_publisher(kind, topic, RELIABLE)
+        for topic, kind in (("/jaw_commands", JointState), ("/jaw/trajectory", JointTrajectory))
+    }
+    client.until(lambda: all(sender.get_subscription_count() for sender in senders.values()))
+    node.send = lambda **fields: senders["/jaw_commands"].publish(JointState(name=["knuckle"], **fields))
+    node.go = senders["/jaw/trajectory"].publish
+    node.at = lambda position: bool(node.states) and node.states[-1].position[0] == pytest.approx(position, abs=1e-6)
+    return node
+
+
+def trajectory(*points, names=("lift", "knuckle"), **header):
+    """Positions of the second of two joints, and when [s]."""
+    message = JointTrajectory(joint_names=list(names))
+    for time, position in points:
+        after = Duration(sec=int(time), nanosec=round(1e9 * (time % 1.0)))
+        message.points.append(JointTrajectoryPoint(positions=[9.0, float(position)], time_from_start=after))
+    return message
+
+
+def test_a_command_moves_it_once_and_its_state_is_told(jaw, client):
+    jaw.ready()
+    client.until(lambda: jaw.at(0.0))
+    jaw.send(position=[0.4])
+    client.until(lambda: jaw.at(0.4))
+    state = jaw.states[-1]
+    assert state.name == ["knuckle"] and state.header.frame_id == "world" and seconds(state.header.stamp) > 0.0
+    moving = [each for each in jaw.states if 0.01 < each.position[0] < 0.39]
+    assert moving and all(each.velocity[0] == pytest.approx(10.0, rel=1e-3) for each in moving), "1 m/s is 10 rad/s"
+    jaw.send(position=[math.nan], effort=[0.3])  # closes on nothing, as a force does
+    client.until(lambda: jaw.states[-1].position[0] > 0.75)
+    opened = client.listen(JointState, "/cloth_sim/grippers/jaw/state", 1)
+    jaw.send(position=[-0.1])
+    client.until(lambda: jaw.at(0.0) and opened and opened[-1].position[0] == pytest.approx(0.08))
+    jaw.wait_for("a message on /jaw_commands is cut: the position -0.1 of knuckle is not between 0.8 and 0")
+
+
+def test_a_command_while_paused_or_after_another_topic_is_kept(jaw, client):
+    jaw.ready()
+    client.until(lambda: jaw.at(0.0))
+    client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=True))
+    jaw.send(position=[0.6])
+    client.spin(0.3)
+    assert jaw.at(0.0)
+    client.call(SetBool, "/cloth_sim/pause", SetBool.Request(data=False))
+    client.until(lambda: jaw.at(0.6))
+    client.until(
+        lambda: jaw.at(0.2), meanwhile=lambda: client.publish("/cloth_sim/grippers/jaw/opening", Float64(data=0.06))
+    )
+    assert client.set("swatch.self_contact", True).successful  # builds anew
+    jaw.send(position=[0.5])
+    client.until(lambda: jaw.at(0.5))
+    assert client.set("swatch.self_contact", False).successful
+    client.spin(0.5)
+    client.until(lambda: jaw.at(0.5))
+
+
+@pytest.mark.long
+def test_a_command_while_kernels_are_compiled_for_the_first_time_is_kept(start, client, tmp_path, monkeypatch, request):
+    monkeypatch.setenv("WARP_CACHE_PATH", str(tmp_path / "empty"))
+    jaw = request.getfixturevalue("jaw")
+    jaw.send(position=[0.3])
+    assert "simulating" not in jaw.log
+    jaw.wait_for("simulating", timeout=300.0)
+    client.until(lambda: jaw.at(0.3), timeout=120.0)
+
+
+def test_a_trajectory_is_gone_through_at_its_times(jaw, client):
+    jaw.ready()
+    client.until(lambda: jaw.at(0.0))
+    jaw.states.clear()
+    jaw.go(trajectory((1.0, 0.2), (1.5, 0.8)))
+    client.until(lambda: jaw.at(0.8))
+    frames = [each.position[0] for each in jaw.states if 0.0 < each.position[0] < 0.8]
+    slow, quick = (sum(low < each < high for each in frames) for low, high in ((0.02, 0.18), (0.23, 0.77)))
+    assert slow == pytest.approx(48, abs=3) and quick == pytest.approx(27, abs=3), "0.2 and 1.2 rad/s at 60 Hz"
+    jaw.go(trajectory((5.0, 0.0)))
+    client.until(lambda: 0.5 < jaw.states[-1].position[0] < 0.75)
+    jaw.go(trajectory())
+    client.spin(0.3)
+    stopped = jaw.states[-1].position[0]
+    client.spin(0.3)
+    assert jaw.at(stopped) and 0.4 < stopped < 0.75
+    message = trajectory((0.1, 0.8), (0.2, 0.1))
+    message.header.stamp.sec = 1  # long ago: it is where it ends
+    jaw.go(message)
+    client.until(lambda: jaw.at(0.1))
+
+
+def test_what_cannot_be_is_refused(jaw, client):
+    jaw.ready()
+    for fields, why in (
+        ({"position": [math.inf]}, "its position inf is not finite"),
+        ({"position": [0.1, 0.2]}, "it has 1 names, and 2 numbers as position"),
+        ({}, "it has neither a position nor an effort of its joint knuckle"),
+        ({"effort": [-1.0]}, "its effort -1 is a force of -10 N, not from 0 to 10000"),
+    ):
+        jaw.send(**fields)
+        jaw.wait_for(f"a message on /jaw_commands is refused: {why}")
+    jaw.go(trajectory((1.0, 0.2), (0.5, 0.1)))
+    jaw.wait_for("a message on /jaw/trajectory is refused: a point at 0.5 s follows one at 1 s")
+    jaw.go(trajectory((1.0, 0.2), names=("lift", "elbow")))  # of other joints: nothing is said
+    jaw.send(position=[0.8])
+    client.until(lambda: jaw.at(0.8))
+    assert jaw.log.count("is refused") == 5 and "Traceback" not in jaw.log
+
+
+def test_names_that_no_topic_has_and_equal_ends_are_told(start):
+    bad = JAW.replace("/jaw_commands", "'my jaw'").replace("joint_open: 0.0", "joint_open: 0.7")
+    node = start(bad).ready()
+    assert "jaw.joint_commands is 'my jaw', left out: " in node.log and "Traceback" not in node.log
+    node.end()
+    node = start(JAW.replace("joint_open: 0.0", "joint_open: 0.8")).ready()
+    assert "jaw.joint_open is 0.8, as is joint_closed; they must differ" in node.log and "Traceback" not in node.log
+
+
+def test_work_is_the_same_of_joint_and_fingers():
+    joint = Joint("knuckle", 0.8, 0.0, 0.08)
+    assert joint.opening(0.8) == 0.0 and joint.opening(0.0) == pytest.approx(0.08)
+    assert joint.position(joint.opening(0.3)) == pytest.approx(0.3)
+    assert abs(joint.slope) == pytest.approx(0.1), "each finger's force over the torque [1/m]"
