@@ -33,6 +33,7 @@ def main() -> int:
     parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
     parser.add_argument("--radius", type=float, default=0.004, help="of the cable [m] (0.004)")
     parser.add_argument("--between", type=int, default=3, help="segments between two markers (3)")
+    parser.add_argument("--shape", action="store_true", help="find bends at rest, and markers beside the middle")
     parser.add_argument("--worlds", type=int, default=16, help="candidates at a time (16)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0 (cpu)")
     parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
@@ -48,12 +49,13 @@ def run(arguments: argparse.Namespace) -> Estimate:
     if judged.count != fitted.count:
         raise ValueError(f"--judge has {judged.count} markers and the others {fitted.count}; allowed are as many")
     cable = Cable(fitted.lengths(), arguments.held, arguments.between, arguments.density, arguments.radius)
-    candidates = CableCandidates(cable, fitted, arguments.worlds, arguments.start, arguments.device)
+    how = arguments.start, arguments.device
+    candidates = CableCandidates(cable, fitted, arguments.worlds, *how, arguments.shape)
     candidates.told = Progress(candidates)
     _, found = identify(candidates)
     show("")
     cable = candidates.cable
-    judge = CableCandidates(cable, judged, 1, arguments.start, arguments.device)
+    judge = CableCandidates(cable, judged, 1, *how)
     off = {"fitted": judge.off(found.units[None])[0], **guesses(judged, arguments.start)}
     print(*sentences(cable, candidates, found), sep="\n")
     print(*table(off, len(fitted.runs), len(judged.runs)), sep="\n")
@@ -67,16 +69,21 @@ def run(arguments: argparse.Namespace) -> Estimate:
 
 def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> list[str]:
     """What was found, one line for each number."""
-    compliance, damping, drag = found.values
+    compliance, damping, drag, torsion, _ = found.values
     rigidity = 1.0 / compliance
     low, high = 1.0 / found.high[0], 1.0 / found.low[0]
     said = [
         f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:g} kg/m; only "
         f"their ratio {rigidity / cable.density:.4g} m^4/s^2 is found",
         f"damping of bending {damping:.3g} s, with 95 % from {found.low[1]:.3g} to {found.high[1]:.3g}",
-        f"drag coefficient {drag:.3g}, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}, for this density and "
-        f"a radius of {1e3 * cable.radius:g} mm",
+        f"drag relative to momentum {drag:.3g} 1/s, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}",
+        f"torsional rigidity GJ {1.0 / torsion:.3g} N m^2, with 95 % from {1.0 / found.high[3]:.3g} to "
+        f"{1.0 / found.low[3]:.3g}, where clamps do not turn about the cable; the end is turned by "
+        f"{candidates.sought[-1].shown(found.values[-1]):.2g} rad",
     ]
+    if cable.offsets is not None:
+        curved, beside = (np.linalg.norm(each, axis=1).max() for each in (cable.curvature, cable.offsets))
+        said.append(f"curvature at rest up to {curved:.2g} 1/m; markers up to {1e3 * beside:.2g} mm beside the middle")
     for each, unit in zip(candidates.sought, found.units, strict=True):
         if not 1e-3 < unit < 1.0 - 1e-3:
             said.append(f"{each.name} lies at the end of where it is looked for, {each.low:.3g} to {each.high:.3g}")
@@ -99,9 +106,9 @@ def table(off: dict[str, np.ndarray], fitted: int, judged: int) -> list[str]:
 
 def yaml_of(cable: Cable, found: Estimate) -> str:
     """A scene of the node with the cable, straight between two points."""
-    compliance, damping, drag = (float(f"{value:.4g}") for value in found.values)
+    compliance, damping, drag, torsion = (float(f"{value:.4g}") for value in found.values[:4])
     length = float(cable.places[-1])
-    rope = cable.rope(compliance, damping)
+    rope = cable.rope(compliance, damping, torsion)
     parameters = {
         "objects": [NAME],
         NAME: {
@@ -115,8 +122,10 @@ def yaml_of(cable: Cable, found: Estimate) -> str:
             "damping": rope.damping,
             "bend_compliance": compliance,
             "bend_damping": damping,
+            "twist": True,
+            "twist_compliance": torsion,
         },
-        "wind": {"enabled": True, "drag_coefficient": drag},
+        "solver": {"global_damping": drag},
     }
     return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)
 

@@ -9,10 +9,10 @@ from cloth_sim_ros.identify import fit_cable
 from cloth_sim_ros.identify.cable import Cable, CableCandidates, guesses, mean_error
 from cloth_sim_ros.identify.fit import identify
 from cloth_sim_ros.identify.markers import Markers
-from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
 
 RATE, LENGTH, MASS, SEEN, PER = 60.0, 0.8, 0.08, 9, 6
-EI, BEND_DAMPING, DRAG = 4e-3, 0.05, 20.0
+EI, BEND_DAMPING, DRAG, GJ = 4e-3, 0.05, 0.8, 3e-3
 
 
 def record(seed, noise, frames=50, before=15):
@@ -31,10 +31,11 @@ def record(seed, noise, frames=50, before=15):
         stretch_compliance=1e-4,
         bend_compliance=1.0 / EI,
         bend_damping=BEND_DAMPING,
+        twist_compliance=1.0 / GJ,
     )
     handles = {f"h{k}": Handle(position=tuple(points[i]), reach=0.001, attached=True) for k, i in enumerate(held)}
-    scene = Scene({"it": rope}, handles=handles, wind=Wind(velocity=(0.0, 0.0, 0.0), drag_coefficient=DRAG))
-    sim = Simulation(scene, Settings(frame_dt=1 / RATE, substeps=40), "cpu")
+    settings = Settings(frame_dt=1 / RATE, substeps=40, global_damping=DRAG)
+    sim = Simulation(Scene({"it": rope}, handles=handles), settings, "cpu")
     swing, phase, rows = random.uniform(0.05, 0.1, 3), random.uniform(0, 6, 3), []
     for frame in range(before + frames):
         time = (frame + 1) / RATE
@@ -58,7 +59,8 @@ def fitted(runs, start=4):
 def test_numbers_come_back_from_a_start_in_motion():
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
     assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
-    assert found.values[1:] == pytest.approx([BEND_DAMPING, DRAG], rel=0.05)
+    assert found.values[1:3] == pytest.approx([BEND_DAMPING, DRAG], rel=0.05)
+    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.05)
     off = candidates.off(found.units[None])[0]
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
@@ -66,7 +68,7 @@ def test_numbers_come_back_from_a_start_in_motion():
 def test_noise_is_borne_and_told():
     """With 2 mm of noise on the markers between the hands."""
     _, found = fitted([record(3, 2e-3), record(4, 2e-3)])
-    truth = np.array([1.0 / EI, BEND_DAMPING, DRAG])
+    truth = np.array([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0])
     assert found.values == pytest.approx(truth, rel=0.08)
     assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.3 * found.low).all()
 
@@ -77,11 +79,11 @@ def test_a_marker_that_is_not_seen_counts_nowhere():
     gone[6:, 4] = np.nan
     both = [Markers([each], RATE) for each in (run, gone)]
     candidates = [CableCandidates(Cable(both[0].lengths()), each, 1, 2, "cpu") for each in both]
-    whole, part = (each.off(np.full((1, 3), 0.5))[0] for each in candidates)
+    whole, part = (each.off(np.full((1, 5), 0.5))[0] for each in candidates)
     left = np.isfinite(part)
     assert np.count_nonzero(~left) == 3 * 6 and candidates[1].count == np.count_nonzero(left)
     assert mean_error(part) == pytest.approx(mean_error(whole[left]), rel=1e-6)
-    assert np.isfinite(candidates[1].residuals(np.full((1, 3), 0.5))).all()
+    assert np.isfinite(candidates[1].residuals(np.full((1, 5), 0.5))).all()
     assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
 
 

@@ -55,15 +55,15 @@ class Ropes:
         tensions.launch()
         return out[:, :-1, 0]
 
-    def directors(self, name: str, world: int = 0) -> np.ndarray:
+    def directors(self, name: str, world: int | None = 0) -> np.ndarray:
         """See Simulation.directors."""
         if getattr(self._bodies.scene.objects.get(name), "twist_compliance", None) is None:
             raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
-        batch, world = self._bodies.batch[name], self._bodies.one(world)
-        angles = batch.part("angles", batch.segments(name), world).numpy()[0].astype(np.float64)
-        return directors(
-            self._queries.positions(name, world).astype(np.float64), angles, read_twist(batch, name, world)
-        )
+        batch, world = self._bodies.batch[name], None if world is None else self._bodies.one(world)
+        points = self._queries.positions(name, world).astype(np.float64)
+        angles = batch.part("angles", batch.segments(name), world).numpy().reshape(*points.shape[:-2], -1)
+        start = read_twist(batch, name, world)["start"].reshape(*points.shape[:-2], 3)
+        return directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
         """See Simulation.end_wrenches."""

@@ -94,12 +94,15 @@ def _bends(
 
 
 def directors(tangents: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """The unit vector `first` (3,) across the first of `tangents` (S, 3), carried to all without twist: (S, 3)."""
-    found = [first]
-    for before, after in zip(tangents[:-1], tangents[1:], strict=True):
-        axis, cosine, u = np.cross(before, after), float(before @ after), found[-1]
-        found.append(cosine * u + np.cross(axis, u) + (axis @ u) / max(1.0 + cosine, 1e-2) * axis)
-    return np.array(found)
+    """Unit vectors `first` (..., 3) across the first of `tangents` (..., S, 3), carried to all without twist."""
+    found = np.empty_like(tangents)
+    found[..., 0, :] = u = first
+    for k in range(1, tangents.shape[-2]):
+        before, after = tangents[..., k - 1, :], tangents[..., k, :]
+        axis, cosine = np.cross(before, after), (before * after).sum(axis=-1, keepdims=True)
+        along = (axis * u).sum(axis=-1, keepdims=True) / np.maximum(1.0 + cosine, 1e-2)
+        found[..., k, :] = u = cosine * u + np.cross(axis, u) + along * axis
+    return found
 
 
 def across(tangent: np.ndarray) -> np.ndarray:
