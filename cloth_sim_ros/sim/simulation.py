@@ -490,10 +490,10 @@ class Simulation:
         """
         return self._ropes.tensions_into(out, column, name, world)
 
-    def directors(self, name: str, world: int = 0) -> np.ndarray:
+    def directors(self, name: str, world: int | None = 0) -> np.ndarray:
         """Unit vectors (S, 3) float64 across a rope's segments, which turn with its material, in one world.
 
-        They are those of the last substep. Raises ValueError if the object does not resist twist.
+        They are those of the last substep, (worlds, S, 3) in all worlds for None. Raises ValueError if the object does not resist twist.
         """
         return self._ropes.directors(name, world)
 
