@@ -38,6 +38,8 @@ _LONGER = 5.0e-3  # share of a length, by which slopes are found
 _ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
 # Bounds of what is found. Rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
 # momentum [1/s]; torsional rigidity over mass per length [m^4/s^2].
+_LIGHTER = 5.0  # factor within which the mass lies around that of the given density
+_SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBUST
 _RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
 
 
@@ -151,17 +153,20 @@ class CableCandidates:
                 f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
             )
         self.cable, self.first, self._markers, self._device, self._shaped = cable, start, markers, device, shaped
+        self._forces = self._forces_seen()
         if not np.isfinite(self._seen[:, :, cable.held_markers]).all():
             raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
         self.times = np.arange(1, frames - start + 1) / markers.rate
         self.until, self.frames, self.told = len(self.times), 0, lambda frames: None
         self.length = frames - start
         self.count = int(np.isfinite(self._seen[:, start:]).sum())
+        self.count += 0 if self._forces is None else self._forces[:, start:].size
         self.sought = [
             Sought(f"{NAME}.bend_compliance", *(1.0 / (cable.density * each) for each in reversed(_RIGIDITY))),
             Sought(f"{NAME}.bend_damping", *_DAMPING),
             Sought("drag.rate", *_DRAG),
             Sought(f"{NAME}.twist_compliance", *(1.0 / (cable.density * each) for each in reversed(_TORSION))),
+            *self._mass(),
             Turn(f"{NAME}.end_turn", math.exp(-math.pi), math.exp(math.pi)),
         ]
         self.free = [m for m in range(markers.count) if m not in cable.held_markers]
@@ -186,6 +191,38 @@ class CableCandidates:
         begin = [self._markers.start(run, self.first) for run in range(runs)]
         self._begin = np.tile(np.stack(begin, axis=1), (1, together, 1, 1))
         self._turns_between = np.array([turn_between(self._along(each[0], axis=0)) for each in begin])
+
+    def _forces_seen(self) -> np.ndarray | None:
+        """(R, F, 3) forces at the start's hand [N], or None."""
+        forces = self._markers.forces
+        if forces is None:
+            return None
+        seen = np.stack([run[: self._seen.shape[1]] for run in forces])
+        if not np.isfinite(seen).all():
+            raise ValueError("a force is not a number; allowed are recordings in which all are, or none is given")
+        return seen
+
+    @property
+    def has_forces(self) -> bool:
+        """True if forces were recorded, which tell the mass."""
+        return self._forces is not None
+
+    def weighed(self, values: np.ndarray) -> Cable:
+        """The cable with the density that forces tell, if they do."""
+        if not self.has_forces:
+            return self.cable
+        return dataclasses.replace(self.cable, density=float(values[4] / self.cable.places[-1]))
+
+    def _mass(self) -> list[Sought]:
+        """The mass, if forces tell it."""
+        mass = self.cable.density * self.cable.places[-1]
+        return [] if self._forces is None else [Sought(f"{NAME}.mass", mass / _LIGHTER, mass * _LIGHTER)]
+
+    def _pulls(self, frame: int) -> np.ndarray:
+        """(worlds, 1, 3) by how much the force at the start's hand is off, as a distance [m]."""
+        hands = [self.sim.tensor(f"hand_{m}", "wrench").numpy()[:, :3] for m in range(self.cable.held)]
+        off = np.sum(hands, axis=0) - np.tile(self._forces[:, frame], (self.worlds, 1))
+        return (off * _ROBUST / (_SHARE * np.sqrt((self._forces**2).sum(axis=2).mean())))[:, None]
 
     def _tangents(self, marker: int) -> np.ndarray:
         """(R, F, 3) of the cable where a held marker is; of one that is alone at its end, the world's z."""
@@ -228,7 +265,7 @@ class CableCandidates:
         candidate's markers miss of its own.
         """
         units, seen = fit_shape(self, units) if self._shaped else units, self._seen[:, self.first :]
-        off = self.off(units[None])[0].swapaxes(0, 1)
+        off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self._markers.count]
         was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
         still, noise = self.off(units[None])[0], self._markers.noise(self.free)
@@ -270,6 +307,8 @@ class CableCandidates:
 
     def off(self, units: np.ndarray, moves: np.ndarray | None = None, curved: np.ndarray | None = None) -> np.ndarray:
         """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
+
+        Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
 
         moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
         curved (K, PLACES, 2): the same to the curvature at rest [1/m].
@@ -330,9 +369,11 @@ class CableCandidates:
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
         self._begin_well(moves)
-        found = np.empty((self.worlds, self.until, runs, self._markers.count, 3))
-        for frame in range(self.until):
-            found[:, frame] = self._step(self.first + frame).reshape(self.worlds, runs, -1, 3)
+        found = []
+        for frame in range(self.first, self.first + self.until):
+            off = [self._step(frame)] + ([] if self._forces is None else [self._pulls(frame)])
+            found.append(np.concatenate(off, axis=1).reshape(self.worlds, runs, -1, 3))
+        found = np.stack(found, axis=1)
         return found[: len(units)]
 
     def _begin_well(self, moves: np.ndarray) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -54,6 +55,8 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
     judged = Markers.read(arguments.judge) if arguments.judge else None
     if judged is None:
         fitted, judged = fitted.split(_HELD_OUT)
+    if fitted.forces is not None and judged.forces is None:
+        raise ValueError("--judge has no forces and the others do; allowed are both with, or none")
     if judged.count != fitted.count:
         raise ValueError(f"--judge has {judged.count} markers and the others {fitted.count}; allowed are as many")
     cable = Cable(fitted.lengths(), arguments.held, arguments.between, arguments.density, arguments.radius)
@@ -62,9 +65,11 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
     candidates.told = Progress(candidates)
     _, found = identify(candidates)
     show("")
-    cable = candidates.cable
-    judge = CableCandidates(cable, judged, 1, *how)
-    off = {"fitted": judge.off(found.units[None])[0], **guesses(judged, arguments.start)}
+    if fitted.forces is None:
+        judged = dataclasses.replace(judged, forces=None)
+    judge = CableCandidates(candidates.cable, judged, 1, *how)
+    cable = candidates.weighed(found.values)
+    off = {"fitted": judge.off(found.units[None])[0][:, :, : judged.count], **guesses(judged, arguments.start)}
     print(*sentences(cable, candidates, found), sep="\n")
     print(*table(off, len(fitted.runs), len(judged.runs)), sep="\n")
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -77,12 +82,13 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
 
 def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> list[str]:
     """What was found, one line for each number."""
-    compliance, damping, drag, torsion, _ = found.values
+    compliance, damping, drag, torsion = found.values[:4]
     rigidity = 1.0 / compliance
     low, high = 1.0 / found.high[0], 1.0 / found.low[0]
     said = [
-        f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:g} kg/m; only "
-        f"their ratio {rigidity / cable.density:.4g} m^4/s^2 is found",
+        f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:.4g} kg/m; "
+        f"their ratio is {rigidity / cable.density:.4g} m^4/s^2"
+        + (", and forces tell them apart" if candidates.has_forces else ", and only that is found"),
         f"damping of bending {damping:.3g} s, with 95 % from {found.low[1]:.3g} to {found.high[1]:.3g}",
         f"drag relative to momentum {drag:.3g} 1/s, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}",
         f"torsional rigidity GJ {1.0 / torsion:.3g} N m^2, with 95 % from {1.0 / found.high[3]:.3g} to "

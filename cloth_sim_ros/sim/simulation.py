@@ -493,7 +493,8 @@ class Simulation:
     def directors(self, name: str, world: int | None = 0) -> np.ndarray:
         """Unit vectors (S, 3) float64 across a rope's segments, which turn with its material, in one world.
 
-        They are those of the last substep, (worlds, S, 3) in all worlds for None. Raises ValueError if the object does not resist twist.
+        They are those of the last substep, (worlds, S, 3) in all worlds for None. Raises ValueError if the object does
+        not resist twist.
         """
         return self._ropes.directors(name, world)
 

@@ -8,7 +8,7 @@ import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import error, recordings, scenes, stability, tune
+from cloth_sim_ros.study import error, scenes, stability, tune
 from cloth_sim_ros.study.fabric import command as fabric
 
 COMMANDS = {
@@ -17,7 +17,6 @@ COMMANDS = {
     "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
     "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
     "fabric": (fabric, "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values"),
-    "recordings": (recordings, "cables fitted to a part of their recordings and judged by another"),
 }
 
 

@@ -1,25 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`study recordings FOLDER`: cables fitted to a part of their recordings and judged by another, beside no model."""
+"""`python -m cloth_sim_ros.identify.recordings FOLDER`: cables fitted to recordings, and judged by others of them."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from cloth_sim_ros.identify import fit_cable
 from cloth_sim_ros.identify.cable import mean_error
 from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.identify.terminal import exit_status
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of the command."""
+def main() -> int:
+    """Parse the command line, fit and judge; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify.recordings", description=__doc__)
     parser.add_argument("folder", type=Path, help="with recordings of cables, see docs/how-to/cables.md")
     fit_cable.add_options(parser)
     parser.add_argument("--output", type=Path, default=Path("study"), help="folder of scenes and pictures (study)")
+    return exit_status(run, parser.parse_args())
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> None:
     """Fit and judge every cable of a folder; a table at the end. Raises ValueError in one sentence."""
     rows = []
     for name, files in cables(arguments.folder):
@@ -33,7 +37,6 @@ def run(arguments: argparse.Namespace) -> int:
     print(f"{'mean error [mm]':16}" + "".join(f"{model:>8}" for model in rows[0][1]))
     for name, errors in rows:
         print(f"{name:16}" + "".join(f"{1e3 * error:8.2f}" for error in errors.values()))
-    return 0
 
 
 def cables(folder: Path) -> Iterator[tuple[str, list[Path]]]:
@@ -52,3 +55,7 @@ def cables(folder: Path) -> Iterator[tuple[str, list[Path]]]:
             together.setdefault(path.parent, []).append(path)
     for parent, those in together.items():
         yield parent.name, those
+
+
+if __name__ == "__main__":
+    sys.exit(main())
