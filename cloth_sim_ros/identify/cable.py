@@ -38,6 +38,8 @@ _LONGER = 5.0e-3  # share of a length, by which slopes are found
 _ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
 # Bounds of what is found. Rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
 # momentum [1/s]; torsional rigidity over mass per length [m^4/s^2].
+# Turns that are looked for [rad], a whole one: 0 of a straight cable and half a turn of a U lie well within.
+_TURNED = (-0.5 * math.pi, 1.5 * math.pi)
 _LIGHTER = 5.0  # factor within which the mass lies around that of the given density
 _SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBUST
 _RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
@@ -167,7 +169,7 @@ class CableCandidates:
             Sought("drag.rate", *_DRAG),
             Sought(f"{NAME}.twist_compliance", *(1.0 / (cable.density * each) for each in reversed(_TORSION))),
             *self._mass(),
-            Turn(f"{NAME}.end_turn", math.exp(-math.pi), math.exp(math.pi)),
+            Turn(f"{NAME}.end_turn", *map(math.exp, _TURNED)),
         ]
         self.free = [m for m in range(markers.count) if m not in cable.held_markers]
         self._turned = {m: self._turns(m) for m in cable.held_markers}
