@@ -182,14 +182,14 @@ class Candidates:
         rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
-    def refine(self, units: np.ndarray) -> bool:
-        """Judge more closely from now on, near a good candidate (P,); False if nothing changes.
+    def refine(self, units: np.ndarray) -> np.ndarray | None:
+        """Judge more closely from now on, near a good candidate (P,), and return it; None if nothing changes.
 
         Edges of a surface have led near it, and mislead where points are sparse or noisy.
         """
         if self.recording.points:
             self.settle(units, _ASIDE)
-        return bool(self.recording.points)
+        return units if self.recording.points else None
 
     def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
         """Judge by a good candidate (P,) what the distances of unordered points are worth, see Observer.settle."""

@@ -49,8 +49,9 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
     units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
-    if candidates.refine(units):
-        units = by_least_squares(candidates, units)
+    refined = candidates.refine(units)
+    if refined is not None:
+        units = by_least_squares(candidates, refined)
     return start, estimate(candidates, units)
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -28,33 +29,47 @@ def main() -> int:
     paths = {"type": Path, "nargs": "+", "metavar": "RECORDING"}
     parser.add_argument("recordings", help=".npz or .csv files of markers, see docs/how-to/cables.md", **paths)
     parser.add_argument("--judge", help="recordings to judge by; else one run in five is held out", **paths)
+    add_options(parser)
+    parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
+    return exit_status(run, parser.parse_args())
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Options of how a cable is fitted."""
     parser.add_argument("--held", type=int, default=2, help="markers at each end that follow the recording (2)")
     parser.add_argument("--start", type=int, default=2, help="frames that give positions and velocities at first (2)")
     parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
     parser.add_argument("--radius", type=float, default=0.004, help="of the cable [m] (0.004)")
     parser.add_argument("--between", type=int, default=3, help="segments between two markers (3)")
+    parser.add_argument("--shape", action="store_true", help="find bends at rest, and markers beside the middle")
     parser.add_argument("--worlds", type=int, default=16, help="candidates at a time (16)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0 (cpu)")
-    parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
-    return exit_status(run, parser.parse_args())
 
 
-def run(arguments: argparse.Namespace) -> Estimate:
-    """Fit a cable to recordings, judge it by others, tell, draw and write. Raises ValueError in one sentence."""
+def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
+    """Fit a cable to recordings, judge it by others, tell, draw and write. Raises ValueError in one sentence.
+
+    Returns name -> (F, R, M, 3) by how much markers of the judged runs are off [m]: "fitted", "hold" and "blend".
+    """
     fitted = Markers.read(arguments.recordings)
     judged = Markers.read(arguments.judge) if arguments.judge else None
     if judged is None:
         fitted, judged = fitted.split(_HELD_OUT)
+    if fitted.forces is not None and judged.forces is None:
+        raise ValueError("--judge has no forces and the others do; allowed are both with, or none")
     if judged.count != fitted.count:
         raise ValueError(f"--judge has {judged.count} markers and the others {fitted.count}; allowed are as many")
     cable = Cable(fitted.lengths(), arguments.held, arguments.between, arguments.density, arguments.radius)
-    candidates = CableCandidates(cable, fitted, arguments.worlds, arguments.start, arguments.device)
+    how = arguments.start, arguments.device
+    candidates = CableCandidates(cable, fitted, arguments.worlds, *how, arguments.shape)
     candidates.told = Progress(candidates)
     _, found = identify(candidates)
     show("")
-    cable = candidates.cable
-    judge = CableCandidates(cable, judged, 1, arguments.start, arguments.device)
-    off = {"fitted": judge.off(found.units[None])[0], **guesses(judged, arguments.start)}
+    if fitted.forces is None:
+        judged = dataclasses.replace(judged, forces=None)
+    judge = CableCandidates(candidates.cable, judged, 1, *how)
+    cable = candidates.weighed(found.values)
+    off = {"fitted": judge.off(found.units[None])[0][:, :, : judged.count], **guesses(judged, arguments.start)}
     print(*sentences(cable, candidates, found), sep="\n")
     print(*table(off, len(fitted.runs), len(judged.runs)), sep="\n")
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
@@ -62,21 +77,27 @@ def run(arguments: argparse.Namespace) -> Estimate:
     picture = arguments.output.with_suffix(".png")
     draw(judged, judge, off, picture)
     print(f"written: {arguments.output} and {picture}")
-    return found
+    return off
 
 
 def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> list[str]:
     """What was found, one line for each number."""
-    compliance, damping, drag = found.values
+    compliance, damping, drag, torsion = found.values[:4]
     rigidity = 1.0 / compliance
     low, high = 1.0 / found.high[0], 1.0 / found.low[0]
     said = [
-        f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:g} kg/m; only "
-        f"their ratio {rigidity / cable.density:.4g} m^4/s^2 is found",
+        f"rigidity EI {rigidity:.4g} N m^2, with 95 % from {low:.4g} to {high:.4g}, for {cable.density:.4g} kg/m; "
+        f"their ratio is {rigidity / cable.density:.4g} m^4/s^2"
+        + (", and forces tell them apart" if candidates.has_forces else ", and only that is found"),
         f"damping of bending {damping:.3g} s, with 95 % from {found.low[1]:.3g} to {found.high[1]:.3g}",
-        f"drag coefficient {drag:.3g}, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}, for this density and "
-        f"a radius of {1e3 * cable.radius:g} mm",
+        f"drag relative to momentum {drag:.3g} 1/s, with 95 % from {found.low[2]:.3g} to {found.high[2]:.3g}",
+        f"torsional rigidity GJ {1.0 / torsion:.3g} N m^2, with 95 % from {1.0 / found.high[3]:.3g} to "
+        f"{1.0 / found.low[3]:.3g}, where clamps do not turn about the cable; the end is turned by "
+        f"{candidates.sought[-1].shown(found.values[-1]):.2g} rad",
     ]
+    if cable.offsets is not None:
+        curved, beside = (np.linalg.norm(each, axis=1).max() for each in (cable.curvature, cable.offsets))
+        said.append(f"curvature at rest up to {curved:.2g} 1/m; markers up to {1e3 * beside:.2g} mm beside the middle")
     for each, unit in zip(candidates.sought, found.units, strict=True):
         if not 1e-3 < unit < 1.0 - 1e-3:
             said.append(f"{each.name} lies at the end of where it is looked for, {each.low:.3g} to {each.high:.3g}")
@@ -99,9 +120,9 @@ def table(off: dict[str, np.ndarray], fitted: int, judged: int) -> list[str]:
 
 def yaml_of(cable: Cable, found: Estimate) -> str:
     """A scene of the node with the cable, straight between two points."""
-    compliance, damping, drag = (float(f"{value:.4g}") for value in found.values)
+    compliance, damping, drag, torsion = (float(f"{value:.4g}") for value in found.values[:4])
     length = float(cable.places[-1])
-    rope = cable.rope(compliance, damping)
+    rope = cable.rope(compliance, damping, torsion)
     parameters = {
         "objects": [NAME],
         NAME: {
@@ -115,8 +136,10 @@ def yaml_of(cable: Cable, found: Estimate) -> str:
             "damping": rope.damping,
             "bend_compliance": compliance,
             "bend_damping": damping,
+            "twist": True,
+            "twist_compliance": torsion,
         },
-        "wind": {"enabled": True, "drag_coefficient": drag},
+        "solver": {"global_damping": drag},
     }
     return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)
 

@@ -22,11 +22,13 @@ _POINTS = 9  # points along a spline between two markers, by which its length is
 class Markers:
     """Runs with the same cable: (F, M, 3) positions [m] of M markers from its start to its end, `rate` frames a second.
 
-    A marker that was not seen is not a number.
+    A marker that was not seen is not a number. forces: (F, 3) [N] of each run, with which the cable pulls at the hand
+    that holds its start; None where some run has none.
     """
 
     runs: list[np.ndarray]
     rate: float
+    forces: list[np.ndarray] | None = None
 
     @staticmethod
     def read(paths: Sequence[Path]) -> Markers:
@@ -34,27 +36,30 @@ class Markers:
 
         An .npz file has one array (F, M, 3), or (R, F, M, 3) of several runs, in metres or in multiples of `unit` [m].
         Beside it is `rate` or `rate_hz` [1/s], or `times` (F,) [s]. A .csv file has rows of time [s], then x y z [m] of
-        each marker, and at most one line of names above them.
+        each marker, and at most one line of names above them. Forces at the start's hand [N] are an array `forces`, of
+        the shape of one marker, or three last columns whose names are fx, fy, fz.
         """
         found = [(path, _read_npz(path) if path.suffix == ".npz" else _read_csv(path)) for path in paths]
         if not found:
             raise ValueError("no recording is given; allowed are .npz and .csv files of markers")
-        first, (runs, rate) = found[0]
-        for path, (others, its_rate) in found[1:]:
+        first, (runs, rate, forces) = found[0]
+        for path, (others, its_rate, its_forces) in found[1:]:
             if abs(its_rate / rate - 1.0) > _UNEVEN or others[0].shape[1] != runs[0].shape[1]:
                 raise ValueError(
                     f"{path} has {others[0].shape[1]} markers at {its_rate:.4g} Hz, and {first} has "
                     f"{runs[0].shape[1]} at {rate:.4g} Hz; allowed are runs that agree"
                 )
             runs = runs + others
-        return Markers(runs, rate)
+            forces = None if forces is None or its_forces is None else forces + its_forces
+        return Markers(runs, rate, forces)
 
     def split(self, share: int) -> tuple[Markers, Markers]:
         """All runs but the last of every `share`, at least one; then these. Raises ValueError for one run."""
         if len(self.runs) < 2:
             raise ValueError("there is one run and nothing to judge by; allowed are several, or --judge RECORDING")
         kept = max(1, len(self.runs) // share)
-        return Markers(self.runs[:-kept], self.rate), Markers(self.runs[-kept:], self.rate)
+        parts = slice(None, -kept), slice(-kept, None)
+        return tuple(Markers(self.runs[part], self.rate, self.forces and self.forces[part]) for part in parts)
 
     @property
     def count(self) -> int:
@@ -108,12 +113,13 @@ def _along(frame: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(frame, axis=0), axis=1))])
 
 
-def _read_npz(path: Path) -> tuple[list[np.ndarray], float]:
+def _read_npz(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} cannot be read: {error}") from None
+    forces = arrays.pop("forces", None)
     markers = [a for a in arrays.values() if a.ndim in (3, 4) and a.shape[-1] == 3 and a.dtype.kind in "iuf"]
     if len(markers) != 1:
         raise ValueError(f"{path} has {len(markers)} arrays of markers; allowed is one, (F, M, 3) or (R, F, M, 3)")
@@ -121,19 +127,27 @@ def _read_npz(path: Path) -> tuple[list[np.ndarray], float]:
     if rate is None:
         rate = _rate_of(arrays.get("times", np.zeros(0)), path)
     scaled = markers[0].astype(np.float64) * float(arrays.get("unit", 1.0))
-    return _checked(list(scaled if scaled.ndim == 4 else scaled[None]), rate, path)
+    runs = list(scaled if scaled.ndim == 4 else scaled[None])
+    if forces is not None:
+        if forces.shape != scaled[..., 0, :].shape or forces.dtype.kind not in "iuf":
+            raise ValueError(f"{path} has forces of shape {forces.shape}; allowed is {scaled[..., 0, :].shape}")
+        forces = list(forces.astype(np.float64).reshape(len(runs), -1, 3))
+    return _checked(runs, rate, path, forces)
 
 
-def _read_csv(path: Path) -> tuple[list[np.ndarray], float]:
+def _read_csv(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
     try:
+        with path.open() as file:
+            names = [name.strip() for name in file.readline().split(",")]
         rows = np.genfromtxt(path, delimiter=",", dtype=np.float64)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path} cannot be read: {str(error).splitlines()[0]}") from None
     rows = np.atleast_2d(rows)
     rows = rows[1:] if np.isnan(rows[0]).all() else rows  # the line of names
+    rows, forces = (rows[:, :-3], [rows[:, -3:]]) if names[-3:] == ["fx", "fy", "fz"] else (rows, None)
     if rows.shape[1] < 7 or rows.shape[1] % 3 != 1:
         raise ValueError(f"{path} has {rows.shape[1]} columns; allowed are time, then x y z of each marker")
-    return _checked([rows[:, 1:].reshape(len(rows), -1, 3)], _rate_of(rows[:, 0], path), path)
+    return _checked([rows[:, 1:].reshape(len(rows), -1, 3)], _rate_of(rows[:, 0], path), path, forces)
 
 
 def _rate_of(times: np.ndarray, path: Path) -> float:
@@ -144,10 +158,12 @@ def _rate_of(times: np.ndarray, path: Path) -> float:
     return 1.0 / float(steps.mean())
 
 
-def _checked(runs: list[np.ndarray], rate: float, path: Path) -> tuple[list[np.ndarray], float]:
+def _checked(
+    runs: list[np.ndarray], rate: float, path: Path, forces: list[np.ndarray] | None
+) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
     if not 1.0 <= rate <= 1e4:
         raise ValueError(f"{path} has {rate:g} frames a second; allowed are 1 to 10000")
     frames, count = runs[0].shape[:2]
     if frames < 10 or count < 4:
         raise ValueError(f"{path} has {frames} frames of {count} markers; allowed are at least 10 of 4")
-    return runs, rate
+    return runs, rate, forces

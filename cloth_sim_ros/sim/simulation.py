@@ -437,7 +437,8 @@ class Simulation:
         Args:
             name: The object, collider or handle.
             what: "positions" [m] or "velocities" [m/s] (worlds, N, 3) of an object, or "pose" (worlds, 7) of any. The
-                "pose" of an object places its rest shape there, at rest.
+                "pose" of an object places its rest shape there, at rest. "rest_turns" [-] (worlds, N - 2, 2) of a rope
+                that resists twist: the turn of each joint at rest, along its two directors.
             array: An array of NumPy or Warp, or any that DLPack takes; its first axis is all worlds.
             mask: (worlds,) of bool, the worlds to write; None writes all.
             sweep: If True, a collider or handle reaches the pose at the end of the next frame. If False, it is there
@@ -489,10 +490,11 @@ class Simulation:
         """
         return self._ropes.tensions_into(out, column, name, world)
 
-    def directors(self, name: str, world: int = 0) -> np.ndarray:
+    def directors(self, name: str, world: int | None = 0) -> np.ndarray:
         """Unit vectors (S, 3) float64 across a rope's segments, which turn with its material, in one world.
 
-        They are those of the last substep. Raises ValueError if the object does not resist twist.
+        They are those of the last substep, (worlds, S, 3) in all worlds for None. Raises ValueError if the object does
+        not resist twist.
         """
         return self._ropes.directors(name, world)
 

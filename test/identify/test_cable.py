@@ -5,18 +5,21 @@ import numpy as np
 import pytest
 import yaml
 
-from cloth_sim_ros.identify import fit_cable
+from cloth_sim_ros.identify import fit_cable, recordings
 from cloth_sim_ros.identify.cable import Cable, CableCandidates, guesses, mean_error
 from cloth_sim_ros.identify.fit import identify
 from cloth_sim_ros.identify.markers import Markers
-from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
 
 RATE, LENGTH, MASS, SEEN, PER = 60.0, 0.8, 0.08, 9, 6
-EI, BEND_DAMPING, DRAG = 4e-3, 0.05, 20.0
+EI, BEND_DAMPING, DRAG, GJ = 4e-3, 0.05, 0.8, 3e-3
 
 
-def record(seed, noise, frames=50, before=15):
-    """Markers (F, 9, 3) of a cable whose start is held by two of them, and moved about; it moves as they begin."""
+def record(seed, noise, frames=50, before=15, forces=None):
+    """Markers (F, 9, 3) of a cable whose start is held by two of them, and moved about; it moves as they begin.
+
+    What it pulls at its start with (3,) goes into the list `forces`, a row a frame.
+    """
     random = np.random.default_rng(seed)
     marks = np.concatenate([[0.0], np.linspace(0.02, LENGTH - 0.02, SEEN - 2), [LENGTH]])
     at = np.concatenate([[0], 1 + PER * np.arange(SEEN - 2), [PER * (SEEN - 3) + 2]])
@@ -31,10 +34,11 @@ def record(seed, noise, frames=50, before=15):
         stretch_compliance=1e-4,
         bend_compliance=1.0 / EI,
         bend_damping=BEND_DAMPING,
+        twist_compliance=1.0 / GJ,
     )
     handles = {f"h{k}": Handle(position=tuple(points[i]), reach=0.001, attached=True) for k, i in enumerate(held)}
-    scene = Scene({"it": rope}, handles=handles, wind=Wind(velocity=(0.0, 0.0, 0.0), drag_coefficient=DRAG))
-    sim = Simulation(scene, Settings(frame_dt=1 / RATE, substeps=40), "cpu")
+    settings = Settings(frame_dt=1 / RATE, substeps=40, global_damping=DRAG)
+    sim = Simulation(Scene({"it": rope}, handles=handles), settings, "cpu")
     swing, phase, rows = random.uniform(0.05, 0.1, 3), random.uniform(0, 6, 3), []
     for frame in range(before + frames):
         time = (frame + 1) / RATE
@@ -44,6 +48,8 @@ def record(seed, noise, frames=50, before=15):
             sim.set_handle_pose(f"h{k}", points[i] + (moved if k < 2 else -inwards))
         sim.step()
         rows.append(sim.positions("it")[at].astype(np.float64))
+        if forces is not None and frame >= before:
+            forces.append(sim.handle_wrench("h0")[0] + sim.handle_wrench("h1")[0])
     seen = np.array(rows)[before:]
     seen[:, 2:-2] += noise * random.standard_normal(seen[:, 2:-2].shape)
     return seen
@@ -58,7 +64,8 @@ def fitted(runs, start=4):
 def test_numbers_come_back_from_a_start_in_motion():
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
     assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
-    assert found.values[1:] == pytest.approx([BEND_DAMPING, DRAG], rel=0.05)
+    assert found.values[1:3] == pytest.approx([BEND_DAMPING, DRAG], rel=0.05)
+    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.05)
     off = candidates.off(found.units[None])[0]
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
@@ -66,9 +73,23 @@ def test_numbers_come_back_from_a_start_in_motion():
 def test_noise_is_borne_and_told():
     """With 2 mm of noise on the markers between the hands."""
     _, found = fitted([record(3, 2e-3), record(4, 2e-3)])
-    truth = np.array([1.0 / EI, BEND_DAMPING, DRAG])
+    truth = np.array([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0])
     assert found.values == pytest.approx(truth, rel=0.08)
     assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.3 * found.low).all()
+
+
+def test_a_wrist_force_tells_mass_and_rigidity_apart():
+    """With 2 mm of noise on markers, 2 % on forces, and a density that is given wrong by half."""
+    forces = [[], []]
+    runs = [record(seed, 2e-3, forces=pulls) for seed, pulls in zip((1, 2), forces, strict=True)]
+    random, pulls = np.random.default_rng(0), np.array(forces, dtype=np.float64)
+    pulls += 0.02 * np.sqrt((pulls**2).sum(axis=2).mean()) * random.standard_normal(pulls.shape)
+    markers = Markers(runs, RATE, list(pulls))
+    cable = Cable(markers.lengths(), between=PER, density=1.5 * MASS / LENGTH)
+    candidates = CableCandidates(cable, markers, 8, 4, "cpu")
+    found = identify(candidates)[1]
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
+    assert candidates.weighed(found.values).density == pytest.approx(MASS / LENGTH, rel=0.03)
 
 
 def test_a_marker_that_is_not_seen_counts_nowhere():
@@ -77,11 +98,11 @@ def test_a_marker_that_is_not_seen_counts_nowhere():
     gone[6:, 4] = np.nan
     both = [Markers([each], RATE) for each in (run, gone)]
     candidates = [CableCandidates(Cable(both[0].lengths()), each, 1, 2, "cpu") for each in both]
-    whole, part = (each.off(np.full((1, 3), 0.5))[0] for each in candidates)
+    whole, part = (each.off(np.full((1, 5), 0.5))[0] for each in candidates)
     left = np.isfinite(part)
     assert np.count_nonzero(~left) == 3 * 6 and candidates[1].count == np.count_nonzero(left)
     assert mean_error(part) == pytest.approx(mean_error(whole[left]), rel=1e-6)
-    assert np.isfinite(candidates[1].residuals(np.full((1, 3), 0.5))).all()
+    assert np.isfinite(candidates[1].residuals(np.full((1, 5), 0.5))).all()
     assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
 
 
@@ -115,3 +136,34 @@ def test_the_command_fits_judges_and_writes(tmp_path, monkeypatch, capsys):
     assert 0.5 * EI < 1.0 / cable["bend_compliance"] < 2.0 * EI
     monkeypatch.setattr("sys.argv", ["fit_cable", str(tmp_path / "none.csv")])
     assert fit_cable.main() == 2 and "cannot be read" in capsys.readouterr().err
+
+
+def test_a_folder_of_cables_is_judged(tmp_path, monkeypatch, capsys):
+    """A file of several runs is a cable, and files of one run are a cable together."""
+    runs = [record(seed, 0.0, frames=12) for seed in (1, 2)]
+    (tmp_path / "in" / "other").mkdir(parents=True)
+    np.savez(tmp_path / "in" / "one.npz", markers=np.stack(runs), rate=RATE)
+    for k, run in enumerate(runs):
+        np.savez(tmp_path / "in" / "other" / f"{k}.npz", markers=run, rate=RATE)
+    found = dict(recordings.cables(tmp_path / "in"))
+    assert {name: len(files) for name, files in found.items()} == {"one": 1, "other": 2}
+    command = ["recordings", str(tmp_path / "in" / "other"), "--output", str(tmp_path / "out"), "--worlds", "8"]
+    monkeypatch.setattr("sys.argv", command)
+    assert recordings.main() == 0
+    told = capsys.readouterr().out
+    assert "fitted  by marker [mm] 0.0 0.0 " in told and (tmp_path / "out" / "other.png").stat().st_size > 0
+    monkeypatch.setattr("sys.argv", ["recordings", str(tmp_path / "out")])
+    assert recordings.main() == 2 and "has no recordings" in capsys.readouterr().err
+
+
+def test_forces_are_read_from_both_files(tmp_path):
+    run, pulls = record(1, 0.0, frames=12), np.ones((12, 3))
+    np.savez(tmp_path / "a.npz", markers=run, rate=RATE, forces=pulls)
+    names = ",".join(["time", *["x", "y", "z"] * SEEN, "fx", "fy", "fz"])
+    rows = np.column_stack([np.arange(len(run)) / RATE, run.reshape(len(run), -1), pulls])
+    np.savetxt(tmp_path / "b.csv", rows, delimiter=",", header=names, comments="")
+    both = Markers.read([tmp_path / "a.npz", tmp_path / "b.csv"])
+    assert len(both.forces) == 2 and both.count == SEEN and np.concatenate(both.forces) == pytest.approx(1.0)
+    np.savez(tmp_path / "c.npz", markers=run, rate=RATE, forces=pulls[:3])
+    with pytest.raises(ValueError, match="forces of shape"):
+        Markers.read([tmp_path / "c.npz"])

@@ -61,7 +61,7 @@ def add_torsion(given: wp.array(dtype=Arrays), loads: wp.array2d(dtype=wp.spatia
             if by > 0 and twist.known == 1:
                 g = wp.where(end == 0, body.particles, body.particles + body.count - 2)
                 along = wp.normalize(xyz(load_row(s.positions, g + 1) - load_row(s.positions, g)))
-                torque = wp.where(end == 0, twist.moment, -twist.moment) * along
+                torque = wp.where(end == 0, twist.start_moment, -twist.end_moment) * along
                 loads[w, by - 1] += wp.spatial_vector(wp.vec3(0.0), torque)
 
 

@@ -55,14 +55,15 @@ class Ropes:
         tensions.launch()
         return out[:, :-1, 0]
 
-    def directors(self, name: str, world: int = 0) -> np.ndarray:
+    def directors(self, name: str, world: int | None = 0) -> np.ndarray:
         """See Simulation.directors."""
         if getattr(self._bodies.scene.objects.get(name), "twist_compliance", None) is None:
             raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
-        row = read_twist(self._bodies.batch[name], name, self._bodies.one(world))
-        return directors(
-            self._queries.positions(name, world).astype(np.float64), self._bodies.topology(name).chain.rest, row
-        )
+        batch, world = self._bodies.batch[name], None if world is None else self._bodies.one(world)
+        points = self._queries.positions(name, world).astype(np.float64)
+        angles = batch.part("angles", batch.segments(name), world).numpy().reshape(*points.shape[:-2], -1)
+        start = read_twist(batch, name, world)["start"].reshape(*points.shape[:-2], 3)
+        return directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
         """See Simulation.end_wrenches."""
@@ -100,6 +101,16 @@ class Ropes:
             write_winch(batch, name, thing.winch)
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
+            self.write_rest_turns(name, self._bodies.topology(name).rest_turns, None)
+
+    def write_rest_turns(self, name: str, turns: np.ndarray, mask: Any) -> None:
+        """Write turns at rest (S - 1, 2) [-] of the joints of a rope, or a row a world; see Simulation.write."""
+        batch = self._bodies.batch[name]
+        part = batch.part("rest_turns", batch.segments(name), None)
+        rows = part.numpy()
+        some = slice(None) if mask is None else self._bodies.some(mask)
+        rows[some, :-1] = np.broadcast_to(turns, (len(rows), *np.shape(turns)[-2:]))[some]
+        part.assign(rows)
 
     def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
         if getattr(self._bodies.scene.objects[owner], "winch", None) is None:

@@ -88,6 +88,10 @@ class Tensors:
             poses = self._shaped(_numbers, array, name, what, (7,))
             motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
             return
+        if what == "rest_turns" and getattr(self._bodies.scene.objects[name], "twist_compliance", None) is not None:
+            joints = len(self._bodies.topology(name).rest_turns)
+            self._ropes.write_rest_turns(name, self._shaped(_numbers, array, name, what, (joints, 2)), mask)
+            return
         _check_word(name, what, (*_MOST, "pose"))
         if what == "pose":
             poses = checked_poses(self._shaped(_numbers, array, name, what, (7,)), name)

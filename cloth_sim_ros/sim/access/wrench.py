@@ -90,7 +90,8 @@ def write_wrenches(
         place += 1
     if arrays.state.twist.twists.shape[0] > 0:
         k = wp.where(end == 0, 0, last - 1)
-        torsion = wp.where(end == 0, 1.0, -1.0) * arrays.state.twist.twists[b].moment
+        twist = arrays.state.twist.twists[b]
+        torsion = wp.where(end == 0, twist.start_moment, -twist.end_moment)
         torque += torsion * wp.normalize(edge_at(arrays, first + k))
     for c in range(3):
         out[end, c] = force[c]

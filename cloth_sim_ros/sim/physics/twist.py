@@ -36,3 +36,15 @@ def half_binormal(before: wp.vec3, after: wp.vec3) -> wp.vec3:
     There w are the inverse lengths of its segments (eq. 9 of the paper, for a frame held at the far end).
     """
     return wp.cross(before, after) / wp.max(1.0 + wp.dot(before, after), FOLDED)
+
+
+@wp.func
+def rest_turn(along: wp.vec2, u: wp.vec3, t: wp.vec3, angle: float) -> wp.vec3:
+    """The turn of a joint at rest, whose parts are along two directors.
+
+    The first is u, turned about t by `angle` [rad]. u and t are sums of those of both segments, of any length.
+    """
+    first = wp.normalize(u)
+    second = wp.cross(wp.normalize(t), first)
+    c, s = wp.cos(angle), wp.sin(angle)
+    return (along[0] * c - along[1] * s) * first + (along[0] * s + along[1] * c) * second

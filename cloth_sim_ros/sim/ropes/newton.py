@@ -51,6 +51,7 @@ def prepare(
     joints: wp.array(dtype=wp.vec4),
     tensions: wp.array(dtype=float),
     moments: wp.array(dtype=wp.vec3),
+    bends_at_rest: wp.array(dtype=wp.vec3),
     last_displacements: wp.array(dtype=wp.vec3),
     scratch: wp.array(dtype=wp.float64),
     compliance: float,
@@ -71,6 +72,7 @@ def prepare(
     compliance: 1/EA [1/N]. bend_compliance: 1/EI. gamma, bend_gamma: times of the dashpots over h_e. carries: True if
     order 2 carries a part of the last displacement on. least: smallest compliance of a segment in the matrix [1/kg];
     stiffest: largest ratio of a joint's stiffness to its lightest mass there.
+    bends_at_rest: turns of joints at rest, of a rope with twist.
     fed_segment: the one that a winch feeds, or -1; fed_length: its rest length, of which `fed` is new [m].
     """
     ...

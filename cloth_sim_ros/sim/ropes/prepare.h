@@ -101,6 +101,7 @@ for (int j = first + t; bends && j < count - 2; j += threads) {
     to[SHARE] = across / (1.0 + bend_gamma);
     for (int c = 0; c < 3; ++c) {
         to[BEND + c] = turn.now[c] * inverse;
-        to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] + growth * to[BEND + c]);
+        const double bend = bends_at_rest.shape[0] > 0 ? bends_at_rest.data[segments + j][c] : 0.0;
+        to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] - bend + growth * to[BEND + c]);
     }
 }

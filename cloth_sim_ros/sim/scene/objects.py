@@ -237,8 +237,9 @@ class Rope:
 
     twist_compliance [1/(N m^2)] = 1/GJ or None for no twist. An end is clamped while its last two particles are pinned,
     or held by a handle, which turns the rope with it. Between two clamps the rope resists twist; while an end is free
-    it has none. end_turn [rad]: turn of the end about its axis relative to the start, counted from when both were
-    clamped, or positions set.
+    it has none. What bends of `points` it has at rest are then in its material and turn with the clamps; without twist
+    they have an amount and no direction. end_turn [rad]: turn of the end about its axis relative to the start, counted
+    from when both were clamped, or positions set.
     """
 
     points: Any = field(default=None, repr=False, compare=False)

@@ -88,16 +88,17 @@ class Stitches:
 class Topology:
     """One object: rest positions (N, 3) [m] in the world, masses (N,) [kg], pinned (N,), elements, triangles, segments.
 
-    springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are
-    solved in one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the
-    inverse lengths [1/m] of the two segments of a bend. triangles: (T, 3). panels: (P, 3) particles that the wind
-    acts on, -1 as the third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles
-    along x and y, None for what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest
-    length [m] of the segment that begins there. plate: what a sheet resists bending with. coupling: of the
-    structural springs of a membrane. twists: whether a rope resists twist. tear_strain: beyond which its springs
-    fail, 0 for never. stitches: of the seams that it is first in. load: what of the last mass is no part of the
-    object [kg]. world_scales: (worlds,) by how much it is larger than all this says in each world, about `origin`
-    (3,) [m] in the world; None where no world ever had another size.
+    springs: kind of KINDS -> Elements of pairs, rest [m]. chain: the same of a rope's segments where they are solved in
+    one, which then has no springs. bends: (B, 3), whose rest is the turn [-]. bend_weights (B, 2): the inverse lengths
+    [1/m] of the two segments of a bend. rest_turns (B, 2): of a rope that resists twist, the turn at rest along the
+    directors of each joint, see `rest_turns` in rope.py. triangles: (T, 3). panels: (P, 3) particles that the wind acts
+    on, -1 as the third of a rope's segment. layout: (N, 3) rest positions [m] in local axes. grid: particles along x
+    and y, None for what is no grid. winch: of a rope on a winch, the last particle at the drum and the rest length [m]
+    of the segment that begins there. plate: what a sheet resists bending with. coupling: of the structural springs of a
+    membrane. twists: whether a rope resists twist. tear_strain: beyond which its springs fail, 0 for never. stitches:
+    of the seams that it is first in. load: what of the last mass is no part of the object [kg]. world_scales: (worlds,)
+    by how much it is larger than all this says in each world, about `origin` (3,) [m] in the world; None where no world
+    ever had another size.
     """
 
     rest: np.ndarray
@@ -113,6 +114,7 @@ class Topology:
     coupling: Coupling | None = None
     bends: Elements | None = None
     bend_weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    rest_turns: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     chain: Elements | None = None
     grid: tuple[int, int] | None = None
     tear_strain: float = 0.0

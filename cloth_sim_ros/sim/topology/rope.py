@@ -43,6 +43,7 @@ def of_rope(rope: Rope, direct: bool) -> Topology:
         twists=rope.twist_compliance is not None,
         bends=bends,
         bend_weights=weights,
+        rest_turns=rest_turns(rest) if rope.twist_compliance is not None else np.zeros((0, 2)),
         chain=stretch if direct else None,
         load=rope.end_mass,
         origin=rest[0],
@@ -84,7 +85,43 @@ def _bends(
     turn[turn < STRAIGHT] = 0.0
     if rope.winch is not None:
         turn[:] = 0.0  # a rope from a drum is straight at rest
+    if rope.twist_compliance is not None:
+        turn[:] = 0.0  # see Topology.rest_turns, which turn with the material
     bending = np.where(pinned[:-1] & pinned[1:], 0.0, length)
     span = 0.5 * np.where(bending[:-1] + bending[1:] > 0.0, bending[:-1] + bending[1:], length[:-1] + length[1:])
     particles = np.stack([index - 1, index, index + 1], axis=1)
     return Elements(particles, turn, span), np.stack([1.0 / length[:-1], 1.0 / length[1:]], axis=1)
+
+
+def directors(tangents: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Unit vectors `first` (..., 3) across the first of `tangents` (..., S, 3), carried to all without twist."""
+    found = np.empty_like(tangents)
+    found[..., 0, :] = u = first
+    for k in range(1, tangents.shape[-2]):
+        before, after = tangents[..., k - 1, :], tangents[..., k, :]
+        axis, cosine = np.cross(before, after), (before * after).sum(axis=-1, keepdims=True)
+        along = (axis * u).sum(axis=-1, keepdims=True) / np.maximum(1.0 + cosine, 1e-2)
+        found[..., k, :] = u = cosine * u + np.cross(axis, u) + along * axis
+    return found
+
+
+def across(tangent: np.ndarray) -> np.ndarray:
+    """The unit vector (3,) across a unit tangent from the coordinate axis that is least aligned with it."""
+    axis = np.eye(3)[np.argmin(np.abs(tangent))]
+    found = axis - (axis @ tangent) * tangent
+    return found / np.linalg.norm(found)
+
+
+def rest_turns(points: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
+    """Turns (N - 2, 2) [-] of the joints of a rope through points (N, 3), along two directors at each.
+
+    The first director is `first` (3,) across the first segment, or `across` of it, carried along without twist. It and
+    the tangent make the second.
+    """
+    edges = np.diff(points, axis=0)
+    tangents = edges / np.linalg.norm(edges, axis=1)[:, None]
+    carried = directors(tangents, across(tangents[0]) if first is None else first)
+    one, along = carried[:-1] + carried[1:], tangents[:-1] + tangents[1:]
+    one, along = (rows / np.linalg.norm(rows, axis=1)[:, None] for rows in (one, along))
+    turn = np.diff(tangents, axis=0)
+    return np.stack([(turn * one).sum(axis=1), (turn * np.cross(along, one)).sum(axis=1)], axis=1)

@@ -4,8 +4,12 @@
 import numpy as np
 import pytest
 from fixed_settings import fixed
+from scipy.integrate import solve_bvp
+from scipy.spatial.transform import Rotation
 
 from cloth_sim_ros.sim import Handle, Rope, Scene, Simulation, Winch
+from cloth_sim_ros.sim.topology.rope import across
+from cloth_sim_ros.sim.topology.rope import directors as rest_directors
 from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
 
 
@@ -277,3 +281,76 @@ def test_solvers_and_ropes_without_twist_refuse_it(device):
         sim.set("it.end_turn", 1.0)
     with pytest.raises(ValueError, match="it does not resist twist; allowed is a rope with twist_compliance"):
         sim.directors("it")
+
+
+def arc(segments, length, curvature):
+    """Points of an arc in the plane of x and y that begins along x."""
+    angle = curvature * length * (np.arange(segments) + 0.5) / segments
+    edges = length / segments * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(edges, axis=0)])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_an_arc_at_rest_turns_with_its_clamps(device, order):
+    """About any axis, without load: its bends at rest are in its material."""
+    points = arc(24, 1.0, 2.0)
+    held = [0, 1, 23, 24]
+    handles = {f"h{i}": Handle(position=tuple(points[i]), reach=1e-3, attached=True) for i in held}
+    rope = Rope(points=points, mass=0.05, pins=None, bend_compliance=10.0, twist_compliance=15.0)
+    scene = Scene({"it": rope}, handles=handles, gravity=(0, 0, 0))
+    sim = Simulation(scene, fixed(order=order, substeps=10, global_damping=5.0), device)
+    for frame in range(150):
+        turn = Rotation.from_rotvec(min(frame + 1, 60) / 60 * np.array([1.5, 0.4, -0.8]))
+        for i in held:
+            sim.set_handle_pose(f"h{i}", turn.apply(points[i]), turn.as_quat())
+        sim.step()
+    assert sim.positions("it") == pytest.approx(turn.apply(points), abs=1e-3)
+    assert np.abs(sim.end_wrenches("it")).max() < 2e-3
+
+
+def test_a_rope_held_straight_pulls_at_its_clamps_with_its_bend_at_rest(device):
+    """EI kappa at both ends, and at the end in a direction that its turn turns along."""
+    bending, curvature, segments = 0.1, 2.0, 40
+    rope = clamped(segments, 1.0, bending, 0.05, stretch_compliance=1e-6)
+    sim = simulation(rope, device, substeps=10, global_damping=20.0)
+    turns = np.zeros((1, segments - 1, 2))
+    turns[..., 0] = curvature / segments
+    turns[:, [0, -1]] *= 0.5  # a held segment does not bend
+    sim.write("it", "rest_turns", turns)
+    sim.set("it.end_turn", 0.5)
+    sim.set_positions("it", sim.rest_positions("it"))
+    sim.step(200)
+    across = sim.directors("it").astype(float)
+    (start, end), x = sim.end_wrenches("it").astype(float), sim.positions("it")
+    assert np.abs(x[:, 1:]).max() < 0.02
+    for torque, u, sign in ((start, across[0], -1.0), (end, across[-1], 1.0)):
+        axis = np.cross([1.0, 0.0, 0.0], u)
+        assert torque[3:] @ axis == pytest.approx(sign * bending * curvature, rel=0.05)
+
+
+def test_a_ring_turns_within_itself_to_where_it_is_bent_at_rest(device):
+    """GJ theta'' = EI kappa kappa_0 sin theta (Kirchhoff 1859), of a rope that is held on a circle everywhere."""
+    bending, torsion, kappa, rest, first = 0.1, 0.07, 4.0, 1.5, 2.0
+    points = arc(60, 1.0, kappa)
+    rope = Rope(points=points, mass=0.05, pins=range(61), bend_compliance=1.0 / bending, twist_compliance=1.0 / torsion)
+    sim = simulation(rope, device, substeps=10)
+    u, inwards = across(np.diff(points, axis=0)[0]), np.cross([0.0, 0.0, 1.0], np.diff(points, axis=0)[0])
+    offset = np.arctan2(np.cross(u, inwards)[0], u @ inwards)
+    angle = offset + first
+    turns = np.tile(rest / 60 * np.array([np.cos(angle), np.sin(angle)]), (1, 59, 1))
+    sim.write("it", "rest_turns", turns)
+    sim.step(5)
+    t = np.diff(points, axis=0) * 60
+    found = sim.directors("it").astype(float)
+    carried = rest_directors(t, u)
+    turned = np.arctan2((np.cross(carried, found) * t).sum(1), (carried * found).sum(1))
+    middle = np.clip((np.arange(60) - 0.5) / 58, 0.0, 1.0)
+    share = bending * kappa * rest / torsion * (58 / 60) ** 2
+    exact = solve_bvp(
+        lambda s, y: np.stack([y[1], share * np.sin(first + y[0])]),
+        lambda a, b: np.array([a[0], b[0]]),
+        np.linspace(0, 1, 50),
+        np.zeros((2, 50)),
+    )
+    assert np.abs(turned).max() > 0.3
+    assert turned == pytest.approx(exact.sol(middle)[0], abs=0.01)

@@ -6,9 +6,9 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
-FORGOTTEN = {"couples": "segment", "twists": "body", "good_twists": "body"}
+FORGOTTEN = {"couples": "segment", "angles": "segment", "twists": "body", "good_twists": "body"}
 # Array -> the element of each of its rows. These arrays are kept if everything on the device is rebuilt.
-KEPT = {"twists": "body"}
+KEPT = {"twists": "body", "angles": "segment", "rest_turns": "segment"}
 
 
 @wp.struct
@@ -32,7 +32,9 @@ class Twist:
     wanted: float  # angle by which the end is turned [rad]
     turned: float  # the same before this substep [rad]
     angle: float  # total twist angle of the rope [rad]
-    moment: float  # torsional moment [N m]
+    moment: float  # mean torsional moment [N m]
+    start_moment: float  # that at the start [N m]
+    end_moment: float  # that at the end [N m]
 
 
 @wp.struct
@@ -40,6 +42,11 @@ class TwistState:
     """State of twisted ropes; see State for the letters."""
 
     couples: wp.array(dtype=wp.vec3)  # (C,) torsional moment x half the curvature binormal [N m] at each joint
+    rest_turns: wp.array(dtype=wp.vec2)  # (C,) turn of each joint at rest, along both directors there [-]
+    bends: wp.array(dtype=wp.vec3)  # (C,) the same in world axes now
+    carried: wp.array(dtype=wp.vec3)  # (C,) the vector `start` of Twist, carried to each segment without twist
+    angles: wp.array(dtype=float)  # (C,) angle of the material about each segment, against `carried` [rad]
+    rows: wp.array(dtype=wp.vec2)  # (C,) scratch of the solve for `angles`
     twists: wp.array(dtype=Twist)  # (B,) twist of each rope that resists it
     good_twists: wp.array(dtype=Twist)  # (B,) the same when the body was last good
 
@@ -47,7 +54,7 @@ class TwistState:
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
-        "couples": n.joints if features.twist else 0,
+        **dict.fromkeys(("couples", "rest_turns", "bends", "carried", "angles", "rows"), n.joints * features.twist),
         "twists": n.bodies if features.twist else 0,
         "good_twists": n.bodies if features.twist else 0,
     }

@@ -29,13 +29,21 @@ def across(t: wp.vec3, u: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def start_of(twist: Twist, first: wp.vec3) -> wp.vec3:
+    """Return the vector of the start, carried along with its tangent `first`; at first it is any across."""
+    u = any_across(first)
+    if twist.known != 0:
+        u = across(first, twist.start)
+    return u
+
+
+@wp.func
 def without_twist(twist: Twist, first: wp.vec3) -> Twist:
     """Return the state without twist, for a rope with a free end; `first` is the tangent at the start."""
+    twist.start = start_of(twist, first)
     twist.known = 2
-    twist.start = any_across(first)
     twist.turned = twist.wanted
     twist.angle = 0.0
-    twist.moment = 0.0
     return twist
 
 

@@ -14,10 +14,12 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
-from cloth_sim_ros.sim.features.twist.clamps import any_across, make_clamps, without_twist
+from cloth_sim_ros.sim.features.twist.arrays import Twist
+from cloth_sim_ros.sim.features.twist.clamps import make_clamps, start_of, without_twist
+from cloth_sim_ros.sim.features.twist.spread import make_bend_joints, make_spread
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.bending import wrap_angle
-from cloth_sim_ros.sim.physics.twist import angle_about, carried_across, half_binormal
+from cloth_sim_ros.sim.physics.twist import angle_about, carried_across
 
 
 def make_tangent(order: int):
@@ -65,10 +67,11 @@ def make_find_twist(order: int, handles: bool):
     """
     tangent_at = make_tangent(order)
     clamped_by, clamp, turn_clamps = make_clamps(handles)
+    spread, bend_joints = make_spread(tangent_at), make_bend_joints(tangent_at)
 
     @wp.func
-    def twist_anew(ctx: Context) -> float:
-        """Return the torsional moment [N m] at the present positions, and store the twist in State.twists.
+    def twist_anew(ctx: Context) -> Twist:
+        """Return the twist at the present positions, and carry the vector of its start along the rope.
 
         At first, and after positions were set, the only twist is the angle by which the end is turned. After a new
         clamping there is none.
@@ -77,40 +80,38 @@ def make_find_twist(order: int, handles: bool):
         last = ctx.body.count - 2
         start_by = clamped_by(0, 1, ctx)
         end_by = clamped_by(last + 1, last, ctx)
+        clamped = start_by != 0 and end_by != 0
         before = tangent_at(0, ctx)
-        if start_by == 0 or end_by == 0:
-            ctx.state.twist.twists[ctx.body.index] = without_twist(twist, before)
-            return 0.0
-        if twist.known == 1:
+        if not clamped:
+            twist = without_twist(twist, before)
+        elif twist.known == 1:
             twist = turn_clamps(twist, start_by, end_by, before, tangent_at(last, ctx), ctx)
         else:
-            twist.start = any_across(before)
+            twist.start = start_of(twist, before)
         u = twist.start
-        length = float(0.0)
+        ctx.state.twist.carried[ctx.body.segments] = u
         for k in range(1, last + 1):
             after = tangent_at(k, ctx)
             u = carried_across(u, before, after)
+            ctx.state.twist.carried[ctx.body.segments + k] = u
+            if not clamped:
+                ctx.state.twist.angles[ctx.body.segments + k] = 0.0
             before = after
-            if k < last:
-                length += ctx.model.segment_length[ctx.body.segments + k]
-        if twist.known != 1:
-            twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
-        # The end may be turned by any angle; the writhe changes by less than half a turn from one substep to the next.
-        turned = twist.angle + (twist.wanted - twist.turned)
-        twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
-        twist.turned = twist.wanted
-        twist.moment = twist.angle / (length * ctx.material.compliance[1])
-        ctx.state.twist.twists[ctx.body.index] = twist
-        return twist.moment
+        if clamped:
+            if twist.known != 1:
+                twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
+            # The end may be turned by any angle; the writhe changes by less than half a turn between two substeps.
+            turned = twist.angle + (twist.wanted - twist.turned)
+            twist.angle = turned + wrap_angle(angle_about(before, u, twist.end) + twist.wanted - turned)
+            twist.turned = twist.wanted
+        return twist
 
     @wp.func
     def find_twist(ctx: Context):
-        moment = twist_anew(ctx)
-        before = tangent_at(0, ctx)
-        for j in range(ctx.body.count - 2):
-            after = tangent_at(j + 1, ctx)
-            ctx.state.twist.couples[ctx.body.segments + j] = moment * half_binormal(before, after)
-            before = after
+        twist = twist_anew(ctx)
+        if twist.known == 1:
+            spread(twist.angle, ctx)
+        ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, ctx)
 
     return find_twist
 

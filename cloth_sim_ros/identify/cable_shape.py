@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a cable is like beside its stiffness: bent at rest, and with markers beside its middle, both in its material."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from cloth_sim_ros.sim.topology.rope import across, directors
+
+PLACES = 4  # along the cable, between which the curvature at rest is linear
+_STEPS = 5  # of Gauss and Newton at most
+_LEAST = 0.01  # share by which a step lessens the misfit, or it was the last
+_DAMPED = (1e-4, 0.03, 0.3)  # shares of the diagonal that are added, one after another (Marquardt 1963)
+_UNIT = 0.02  # by which slopes by a number between its bounds are found
+_CURVED, _BESIDE = 1.0, 0.01  # usual curvature at rest [1/m], and distance of a marker from the middle [m]
+_ALONG = 0.99  # cosine beyond which a tangent is along an axis
+_BENT = 0.1  # curvature by which slopes are found [1/m]
+
+
+class Shaped(Protocol):
+    """What fits a shape: see cable.CableCandidates."""
+
+    shape: np.ndarray
+    free: list[int]
+    count: int
+
+    def off(
+        self, units: np.ndarray, moves: np.ndarray | None = None, curved: np.ndarray | None = None
+    ) -> np.ndarray: ...
+    def by_offsets(self, units: np.ndarray) -> np.ndarray: ...
+    def soft(self, off: np.ndarray) -> np.ndarray: ...
+    def softness(self, off: np.ndarray) -> np.ndarray: ...
+
+
+def turns(tangents: np.ndarray) -> np.ndarray:
+    """Quaternions (..., F, 4) that turn the first of unit tangents (..., F, 3) to each, without turning about them."""
+    found = np.zeros((*tangents.shape[:-1], 4))
+    found[..., 0, 3] = 1.0
+    for frame in range(1, tangents.shape[-2]):
+        before, after = tangents[..., frame - 1, :], tangents[..., frame, :]
+        v, w = np.cross(before, after), 1.0 + (before * after).sum(axis=-1, keepdims=True)
+        u, c = found[..., frame - 1, :3], found[..., frame - 1, 3:]
+        turned = np.concatenate([w * u + c * v + np.cross(v, u), w * c - (v * u).sum(axis=-1, keepdims=True)], axis=-1)
+        found[..., frame, :] = turned / np.linalg.norm(turned, axis=-1, keepdims=True)
+    return found
+
+
+def headings(tangents: np.ndarray) -> np.ndarray:
+    """(R, 2, 2): components along the rope's own two directors at its start, from those along the world's x and beside.
+
+    tangents (R, 3): of the start, as the run begins. Grippers that turn little about their tangents hold a cable so
+    that its material points the same way in all runs.
+    """
+    found = []
+    for t in tangents:
+        x, its = heading(t), np.stack([across(t), np.cross(t, across(t))])
+        found.append(its @ np.stack([x, np.cross(t, x)]).T)
+    return np.array(found)
+
+
+def heading(t: np.ndarray) -> np.ndarray:
+    """The unit vector (3,) across a unit tangent that is nearest to the world's x, or to y where that is along it."""
+    x = np.array([1.0, 0.0, 0.0]) if abs(t[0]) < _ALONG else np.array([0.0, 1.0, 0.0])
+    x = x - (x @ t) * t
+    return x / np.linalg.norm(x)
+
+
+def turn_between(points: np.ndarray) -> float:
+    """Angle [rad] from the heading of the start of points (N, 3), carried to the end without twist, to that of the end.
+
+    Clamps that keep their headings twist a cable by it, as one of them goes around the other.
+    """
+    tangents = np.diff(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    t, u = tangents[-1], directors(tangents, heading(tangents[0]))[-1]
+    return float(np.arctan2(np.cross(u, heading(t)) @ t, u @ heading(t)))
+
+
+def fit_shape(candidates: Shaped, units: np.ndarray) -> np.ndarray:
+    """Find curvature at rest and distances of markers together with all numbers, from those at `units` (P,).
+
+    They go into `candidates.cable`; returns the units. Gauss and Newton's steps, with a usual size as their prior.
+    """
+    worth = candidates.soft(candidates.off(units[None]))[0]
+    worth = (worth @ worth) / candidates.count
+    for _ in range(_STEPS):
+        before, jacobian = _slopes(candidates, units)
+        theta = candidates.shape
+        right = jacobian.T @ before
+        right[len(units) :] += worth * theta
+        matrix = jacobian.T @ jacobian
+        matrix[len(units) :, len(units) :] += worth * np.eye(len(theta))
+        cost, least = before @ before + worth * theta @ theta, np.inf
+        for damped in _DAMPED:
+            move = -np.linalg.solve(matrix + damped * np.diag(np.diag(matrix)), right)
+            trial, candidates.shape = np.clip(units + move[: len(units)], 1e-3, 1.0 - 1e-3), theta + move[len(units) :]
+            after = candidates.soft(candidates.off(trial[None]))[0]
+            least = after @ after + worth * candidates.shape @ candidates.shape
+            if least < cost:
+                break
+        if least >= cost:
+            candidates.shape = theta
+            return units
+        units = trial
+        if least > (1.0 - _LEAST) * cost:
+            return units
+    return units
+
+
+def _slopes(candidates: Shaped, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape."""
+    count, bent = len(units), 2 * PLACES
+    rows = np.tile(units, (1 + count + bent, 1))
+    rows[1 : 1 + count] += _UNIT * np.eye(count)
+    curved = np.zeros((len(rows), bent))
+    curved[1 + count :] = _BENT * np.eye(bent)
+    off = candidates.off(rows, curved=curved.reshape(-1, PLACES, 2))
+    by_offsets, free = candidates.by_offsets(units), candidates.free
+    soft = candidates.soft(off)
+    steps = np.array([_UNIT] * count + [_BENT / _CURVED] * bent)
+    jacobian = (soft[1:] - soft[0]).T / steps[:, None].T
+    beside = np.zeros((*off[0].shape, len(free), 2))
+    for k, marker in enumerate(free):
+        beside[:, :, marker, :, k] = by_offsets[:, :, marker]
+    beside = _BESIDE * beside.reshape(off[0].size, -1) * candidates.softness(off[0])[:, None]
+    return soft[0], np.concatenate([jacobian, beside], axis=1)
+
+
+def as_numbers(curvature: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """(S,) usual sizes of curvature (PLACES, 2) [1/m] and offsets of free markers (F, 2) [m]."""
+    return np.concatenate([curvature.ravel() / _CURVED, offsets.ravel() / _BESIDE])
+
+
+def from_numbers(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of `as_numbers`."""
+    return _CURVED * numbers[: 2 * PLACES].reshape(-1, 2), _BESIDE * numbers[2 * PLACES :].reshape(-1, 2)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the twist between two clamps is spread along a rope, and where its bends at rest point.
+
+Torsion waves are far faster than anything else, so that the angles of the material are those of least energy (Bergou et
+al. 2008, Discrete Elastic Rods, section 5.1). A rope that is straight at rest has an even twist. One that is bent at
+rest turns towards where it is bent. A Newton step a substep follows that.
+"""
+
+import warp as wp
+
+from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.features.twist.arrays import Twist
+from cloth_sim_ros.sim.physics.twist import half_binormal, rest_turn
+
+
+@wp.func
+def stiffness_of(j: int, ctx: Context) -> float:
+    """Torsional stiffness [N m] between the middles of segments j and j + 1; clamped segments do not twist."""
+    k, last = ctx.body.segments + j, ctx.body.count - 2
+    length = wp.where(j > 0, ctx.model.segment_length[k], 0.0)
+    length += wp.where(j + 1 < last, ctx.model.segment_length[k + 1], 0.0)
+    return 2.0 / (length * ctx.material.compliance[1])
+
+
+@wp.func
+def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
+    """Turn of joint j at rest, in world axes now; `before` and `after` are the tangents around it."""
+    s, k = ctx.state.twist, ctx.body.segments + j
+    angle = 0.5 * (s.angles[k] + s.angles[k + 1])
+    return rest_turn(s.rest_turns[k], s.carried[k] + s.carried[k + 1], before + after, angle)
+
+
+def make_spread(tangent_at):
+    """Return a Warp function that finds the angles of the material; `tangent_at` is that of twist.py."""
+
+    @wp.func
+    def spread(angle: float, ctx: Context):
+        """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm."""
+        s, first, last = ctx.state.twist, ctx.body.segments, ctx.body.count - 2
+        s.angles[first] = 0.0
+        s.angles[first + last] = angle
+        s.rows[first] = wp.vec2(0.0)
+        before, stiff, moment, curved = tangent_at(0, ctx), float(0.0), float(0.0), float(0.0)
+        for j in range(last):
+            k = first + j
+            after = tangent_at(j + 1, ctx)
+            bend = bend_at(j, before, after, ctx)
+            joint = ctx.model.joints[k]
+            rigidity = 1.0 / wp.max(ctx.material.compliance[2] * joint[1], 1.0e-30)
+            # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
+            pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
+            more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
+            stiff_after = stiffness_of(j, ctx)
+            moment_after = stiff_after * (s.angles[k + 1] - s.angles[k])
+            if j > 0:
+                row = s.rows[k - 1]
+                lower = curved - stiff
+                diagonal = stiff + stiff_after + curved + more - lower * row[0]
+                right = moment_after - pull - moment - lower * row[1]
+                s.rows[k] = wp.vec2((more - stiff_after) / diagonal, right / diagonal)
+            stiff, curved, moment = stiff_after, more, moment_after + pull
+            before = after
+        move = float(0.0)
+        for back in range(1, last):
+            k = first + last - back
+            move = s.rows[k][1] - s.rows[k][0] * move
+            s.angles[k] += move
+
+    return spread
+
+
+def make_bend_joints(tangent_at):
+    """Return a Warp function that stores what the twist does to all joints; `tangent_at` is that of twist.py."""
+
+    @wp.func
+    def bend_joints(twist: Twist, ctx: Context) -> Twist:
+        """Store the couples and bends of all joints, and return the twist with its moments."""
+        s, last = ctx.state.twist, ctx.body.count - 2
+        before, length = tangent_at(0, ctx), float(0.0)
+        twist.start_moment = 0.0
+        twist.end_moment = 0.0
+        for j in range(last):
+            k = ctx.body.segments + j
+            after = tangent_at(j + 1, ctx)
+            s.bends[k] = bend_at(j, before, after, ctx)
+            moment = float(0.0)
+            if twist.known == 1:
+                moment = stiffness_of(j, ctx) * (s.angles[k + 1] - s.angles[k])
+            s.couples[k] = moment * half_binormal(before, after)
+            if j == 0:
+                twist.start_moment = moment
+            else:
+                length += ctx.model.segment_length[k]
+            twist.end_moment = moment
+            before = after
+        twist.moment = wp.where(twist.known == 1, twist.angle / (length * ctx.material.compliance[1]), 0.0)
+        return twist
+
+    return bend_joints
