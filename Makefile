@@ -1,7 +1,7 @@
 # make demo   the node on config/curtain.yaml, its driver, a status line and a page to look at; SCENE=towel takes another
 #             one of config/, ARGS=--headless leaves the page out, ARGS="--seconds 10" ends it by itself
 # make test   ruff and the tests, but for those marked `long`, which `make test-long` runs
-# make extras what recording, export, learning and identification need, beside what is there
+# make extras what recording, export, learning, identification and MuJoCo need, beside what is there
 # make docs   the reference of parameters from the code, and all documents as pages in docs/_build
 # make dist   the wheel and the sdist in dist/, checked for what the Python registry asks
 # All set up .venv first; the second time that takes no time. PYTHON=/path/to/python3 chooses an interpreter.
@@ -20,8 +20,8 @@ demo: $(VENV)/ready-to-run
 	@exec $(RUN) -m cloth_sim_ros.demo $(SCENE) $(ARGS)
 
 extras: $(VENV)/ready-to-run
-	@echo "== Adding what recording, export, learning and identification need"
-	@$(RUN) -m pip install --disable-pip-version-check --quiet --editable '.[viewer,record,export,learn,identify,study]'
+	@echo "== Adding what recording, export, learning, identification and MuJoCo need"
+	@$(RUN) -m pip install --disable-pip-version-check --quiet --editable '.[viewer,record,export,learn,identify,study,mujoco]'
 	@echo "== Done; docs/how-to tells what to do with it"
 
 test: $(VENV)/ready-to-test

@@ -24,7 +24,7 @@ from cloth_sim_ros.sim import Simulation
 try:
     import mujoco
 except ImportError:
-    raise ImportError("MuJoCo is missing: pip install 'cloth_sim_ros[mujoco]'") from None
+    raise ImportError("MuJoCo is missing; make extras, or pip install 'mujoco>=3.2,<4', adds it") from None
 
 ROUNDING = 1e-9  # by which a number of steps may be above a whole one
 CRITICAL = 4.0  # periods of smoothing in which owed momentum is paid back: the fastest that does not swing
