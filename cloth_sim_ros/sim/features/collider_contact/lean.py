@@ -18,6 +18,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.features.collider_contact.arrays import Press
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
@@ -124,7 +125,8 @@ def _touched(k: int, c: int, ctx: Context) -> bool:
 def friction_between(k: int, c: int, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
 
-    If both of its neighbours touch it too, the segment stands for the curve between them; if none does, for a corner.
+    If both of its neighbours touched it too, the segment stands for the curve between them; if none did, for a corner.
+    It holds while the rope is solved. The stage behind changes what neighbours touched last.
     """
     mu, place = rubs(ctx.colliders[c], ctx), ctx.body.particles + k
     turn = ctx.state.rope.half_turns[place] + ctx.state.rope.half_turns[place + 1]
@@ -263,7 +265,7 @@ def make_lean_between(features: Features):
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        kept, changed = int(-1), bool(False)
+        kept, acted, best = int(-1), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
@@ -283,27 +285,29 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                found = augmented(before, met, slip, wp.length(p), softness, friction_between(k, c, ctx))
+                friction = friction_between(k, c, ctx)
+                found = augmented(before, met, slip, wp.length(p), softness, friction)
                 pressed = wp.dot(xyz(found), xyz(met))
-                acts = found[3] > 0.0 and w > 0.0
-                changed = changed or acts != (press.lean[3] > 0.0)
-                if writes and acts and pressed > most:
+                acted = acted or press.lean[3] > 0.0
+                if found[3] > 0.0 and w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
                     hold = (1.0 / w) * slope_of(n, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
-                    if kept >= 0:
-                        ctx.state.contact.presses[kept].lean = wp.vec4(0.0)
-                    kept = entry
-                    ctx.state.contact.presses[entry].lean = pack(n, found[3])
-                    ctx.state.contact.presses[entry].leaned = press.weights
+                    kept, best = entry, press
+                    best.lean = pack(n, found[3])
+                    best.friction = friction
             c = next_of(c, near, False)
         if writes:  # the solve counts moves from `starts`
             ctx.state.rope.segment_pushes[place] = push + hold * _moved_at(corners, point, ctx)
             ctx.state.rope.segment_holds[place] = hold
             ctx.state.rope.segment_points[place] = point
-        return changed
+            if kept >= 0:
+                ctx.state.contact.presses[kept].lean = best.lean
+                ctx.state.contact.presses[kept].leaned = best.weights
+                ctx.state.contact.presses[kept].friction = best.friction
+        return acted != (kept >= 0)
 
     return lean_between
 
@@ -322,10 +326,10 @@ def keep_lean(k: int, near: Near, ctx: Context):
     c = next_of(-1, near, False)
     while c < ctx.colliders.shape[0]:
         entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
-        lean = ctx.state.contact.presses[entry].lean
+        lean, friction = ctx.state.contact.presses[entry].lean, ctx.state.contact.presses[entry].friction
         if lean[3] > 0.0:
             n = xyz(lean)
-            most = friction_between(k, c, ctx) * wp.max(wp.dot(acted, n), 0.0)
+            most = friction * wp.max(wp.dot(acted, n), 0.0)
             rub = acted - wp.dot(acted, n) * n
             if wp.length(rub) > most[0]:
                 rub *= most[1] / wp.length(rub)

@@ -35,7 +35,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_tested,
     moved_since,
 )
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_between, keep_lean, rubs
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, keep_lean, rubs
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
@@ -228,13 +228,14 @@ def _make_rubbed(leans: bool):
 
 
 def _make_friction(leans: bool):
-    """Return a Warp function: the coefficients of static and kinetic friction of a facet on collider c."""
+    """Return a Warp function: the coefficients of static and kinetic friction of a facet, whose last Press is given."""
 
     @wp.func
-    def friction_on(corners: wp.vec3i, c: int, ctx: Context) -> wp.vec2:
+    def friction_on(last: Press, collider: ColliderMotion, ctx: Context) -> wp.vec2:
         if wp.static(leans):
-            return friction_between(corners[0], c, ctx)
-        return rubs(ctx.colliders[c], ctx)
+            if last.lean[3] > 0.0:
+                return last.friction
+        return rubs(collider, ctx)
 
     return friction_on
 
@@ -279,7 +280,7 @@ def make_press_on(features: Features):
         more = outward(gap, w * before[3], softness) / w
         press.weights = weights
         press.so_far = pack(xyz(before), before[3] + more)
-        press = rubbed(press, last, facet, corners, n, friction_on(corners, c, ctx), ctx)
+        press = rubbed(press, last, facet, corners, n, friction_on(last, collider, ctx), ctx)
         back = wp.transpose(sweep.to_local)
         press.normal = back * n
         press.push = more * press.normal
@@ -326,6 +327,7 @@ def make_press(features: Features):
                         found.lean = last.lean
                         found.leaned = last.leaned
                         found.acted = last.acted
+                        found.friction = last.friction
                         found.when = ctx.substep
                         ctx.state.contact.presses[entry] = found
                         note(c, near)
