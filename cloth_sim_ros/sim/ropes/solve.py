@@ -193,7 +193,6 @@ def _make_settle_contacts(features: Features, threads: int):
 
     @wp.func
     def settle_contacts(t: int, ctx: Context) -> bool:
-        sync()
         near, changed = near_of(ctx), int(0)
         for k in range(t, ctx.body.count - 1, wp.static(threads)):
             if lean_between(k, near, ctx, False):
