@@ -6,9 +6,9 @@ A heavy one would be thrown to and fro, further each time (the added mass effect
 the wrench that acts goes only a part of the way to the one that came: that of a step of Newton's method, I / (I + r c).
 There r is the mass of the load over the inertia that MuJoCo has at that place. And c is the number of frames in which
 the load answers: one, those of a delay, and those in which its bounce dies down. By the theorem of small gains this
-is stable, if each is as long as in truth or longer: at its resonance of angular frequency w a load of quality Q answers
-with Q times its mass, and the steps lessen a swing by c w h, where c h = Q / w is that time. The momentum that a
-wrench owes, as it acts late, is paid back.
+is stable, if each is as long as in truth or longer. At its resonance, of angular frequency w, a load of quality Q
+answers with Q times its mass. Steps of h seconds lessen such a swing by c w h, where c h = Q / w is the time in which
+it dies down. The momentum that a wrench owes, as it acts late, is paid back.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation 
 
 class Arm:
     """A MuJoCo model with its data, whose sites and geoms called `names` are handles and colliders of the cloth.
+
+    It sets data.xfrc_applied of their bodies.
 
     load [kg]: the mass of what hangs on each of them. ringing [s]: in which the load's bounce sinks to 1/e at least.
     delay: number of wrenches by which they are late, beyond the one that taking turns costs. More than is true is
@@ -65,7 +67,7 @@ class Arm:
         count = math.ceil(seconds / longest * (1.0 - ROUNDING))
         if count == 0:
             return
-        self.data.xfrc_applied[:] = 0.0
+        self.data.xfrc_applied[[part.body for part in self._parts.values()]] = 0.0
         for part in self._parts.values():
             part.push()
             part.wait(seconds)
@@ -107,7 +109,7 @@ class _Part:
         ):
             number = mujoco.mj_name2id(model, kind, name)
             if number >= 0:
-                self._body, (self._position, self._axes) = int(bodies[number]), (each[number] for each in places)
+                self.body, (self._position, self._axes) = int(bodies[number]), (each[number] for each in places)
                 size = model.site_size[number].max() if bodies is model.site_bodyid else model.geom_rbound[number]
                 self._size = float(size)
                 return
@@ -123,8 +125,8 @@ class _Part:
     def push(self) -> None:
         """Adds the wrench to what acts on the body, about its centre of mass."""
         force, torque = self.wrench[:3], self.wrench[3:]
-        lever = self._position - self._data.xipos[self._body]
-        self._data.xfrc_applied[self._body] += np.concatenate([force, torque + np.cross(lever, force)])
+        lever = self._position - self._data.xipos[self.body]
+        self._data.xfrc_applied[self.body] += np.concatenate([force, torque + np.cross(lever, force)])
 
     def wait(self, seconds: float) -> None:
         """Time goes on without a wrench; after FORGOTTEN none acts."""
@@ -140,7 +142,7 @@ class _Part:
         arm = np.hstack([np.eye(3), -_cross(at)])  # acceleration there, of that of the origin and of the turning
         added = mass * (arm.T @ arm + np.diag([0.0] * 3 + [self._size**2] * 3))
         jacobian = np.zeros((6, self._model.nv))
-        mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._position, self._body)
+        mujoco.mj_jac(self._model, self._data, jacobian[:3], jacobian[3:], self._position, self.body)
         moved = np.zeros_like(jacobian)
         mujoco.mj_solveM(self._model, self._data, moved, jacobian)
         part = np.linalg.inv(np.eye(6) + added @ (jacobian @ moved.T))

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
+from rclpy.node import Node
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,27 @@ class Joint:
         return (position - self.closed) * self.slope
 
 
-def topic_of(values: Mapping[str, Any], gripper: str, field: str, log: Any) -> str:
-    """The topic that a parameter of a gripper names; "" for none, and for a name that no topic can have, with an error
-    in the log."""
+def topic_of(values: Mapping[str, Any], gripper: str, field: str, node: Node, kind: type) -> str:
+    """The topic for messages of a `kind` that a parameter of a gripper names; "" for none, and with an error in the log
+    for one that `node` cannot have."""
     name = f"{gripper}.{field}"
     topic = values[name]
     if not topic or values[f"{gripper}.joint_open"] == values[f"{gripper}.joint_closed"]:
         return ""
-    try:
-        validate_topic_name(topic)
-    except InvalidTopicNameException as error:
-        log.error(f"{name} is '{topic}', left out: {' '.join(str(error).split())}")
+    trouble = _trouble(topic, node, kind)
+    if trouble:
+        node.get_logger().error(f"{name} is '{topic}', left out: {trouble}")
         return ""
     return topic
+
+
+def _trouble(topic: str, node: Node, kind: type) -> str:
+    try:
+        full = node.resolve_topic_name(topic)
+        validate_full_topic_name(full)
+    except (InvalidTopicNameException, RuntimeError) as error:  # RCLError is one
+        return " ".join(str(error).split())
+    if any(each.topic_name == full for each in node.publishers):
+        return "this node sends on it, and would hear itself"
+    others = [each.msg_type for each in node.subscriptions if each.topic_name == full]
+    return f"this node takes {others[0].__name__} from it" if others and kind not in others else ""

@@ -85,7 +85,7 @@ class ClothSimNode(Node):
             self.create_subscription(MarkerArray, "~/scene", self._on_scene, 10)
         world.grasps.told = self._tell_attached
         Commands(self, self._loop, self._bridge, self._frames, self._complaints)
-        GripperJoints(self, self._loop, self._bridge, self._complaints)
+        GripperJoints(self, self._loop, self._bridge, self._complaints, self._now)
         RobotTopics(self, self._bridge, self._frames, self._complaints)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=waiting)
         self.create_service(Trigger, "~/step", self._on_step, callback_group=waiting)

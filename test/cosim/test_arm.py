@@ -148,7 +148,6 @@ def test_momentum_of_both_is_what_gravity_and_the_foot_gave(delay):
     sim = towel_at(arm.poses()["hand"][0])
     home, masses, seconds, given = data.ctrl.copy(), sim.masses("towel")[:, None], 6.0, np.zeros(3)
     run(sim, arm, 2.0, delay)
-    swing = np.array([1.0, 0.5, -0.5, 1.0, 1.0, 1.0])
     once = mujoco.mj_step
 
     def momentum():
@@ -193,6 +192,14 @@ def test_a_wrench_that_nothing_follows_ends():
     assert arm.wrench("hand")[0] == pytest.approx(1.0, abs=1e-3)
     arm.advance(1.5)
     assert not arm.wrench("hand").any()
+
+
+def test_forces_that_others_apply_stay():
+    ball = '<geom name="{0}" type="sphere" size="0.1" mass="2"/>'
+    model, data = body(f'{ball.format("hand")}</body><body><joint type="slide"/>{ball.format("other")}')
+    data.xfrc_applied[2, 2] = 2.0 * GRAVITY + 1.0
+    Arm(model, data, ["hand"], TOWEL).advance(1.0)
+    assert data.qvel[0] == pytest.approx(0.5, rel=1e-6)
 
 
 def test_what_cannot_be_is_refused():

@@ -19,6 +19,7 @@ from cloth_sim_ros.ros.inputs.messages import Complaints
 from cloth_sim_ros.ros.joints import Joint, topic_of
 from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
 from cloth_sim_ros.ros.time.loop import SimulationLoop
+from cloth_sim_ros.ros.world import World
 
 EVERY_ONE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 ROUNDING = 1e-3  # of the widest opening, by which a position may be beyond its ends without a word
@@ -27,17 +28,25 @@ ROUNDING = 1e-3  # of the widest opening, by which a position may be beyond its 
 class GripperJoints:
     """The subscriptions of `node`, whose callbacks run in the executor's thread.
 
-    A command waits in the loop's queue while the simulation is built, and acts while it is paused.
+    now(world) is the time of stamps [ns]. A command waits in the loop's queue while the simulation is built. One that
+    comes while it is paused moves the fingers when it goes on.
     """
 
-    def __init__(self, node: Node, loop: SimulationLoop, bridge: ParameterBridge, complaints: Complaints):
-        self._node, self._loop, self._bridge, self._complaints = node, loop, bridge, complaints
+    def __init__(
+        self,
+        node: Node,
+        loop: SimulationLoop,
+        bridge: ParameterBridge,
+        complaints: Complaints,
+        now: Callable[[World], int],
+    ):
+        self._loop, self._bridge, self._complaints, self._now = loop, bridge, complaints, now
         for gripper in bridge.values["grippers"]:
             for field, kind, read in (
                 ("joint_commands", JointState, self._command),
                 ("joint_trajectory", JointTrajectory, self._trajectory),
             ):
-                topic = topic_of(bridge.values, gripper, field, node.get_logger())
+                topic = topic_of(bridge.values, gripper, field, node, kind)
                 if topic:
                     node.create_subscription(kind, topic, partial(self._on, topic, gripper, read), EVERY_ONE)
 
@@ -77,7 +86,7 @@ class GripperJoints:
             return None
         number, stamp = message.joint_names.index(joint.name), message.header.stamp
         begin = stamp.sec + 1e-9 * stamp.nanosec
-        late = 1e-9 * self._node.get_clock().now().nanoseconds - begin if begin else 0.0
+        late = 1e-9 * self._now(self._loop.world) - begin if begin else 0.0
         points, before = [], -math.inf
         for point in message.points:
             position = _of_joint(point.positions, number, len(message.joint_names), "position")

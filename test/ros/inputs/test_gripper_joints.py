@@ -24,6 +24,7 @@ JAW = """
     jaw: {joint: knuckle, joint_commands: /jaw_commands, joint_states: /jaw_states, joint_trajectory: /jaw/trajectory,
           joint_closed: 0.8, joint_open: 0.0, speed: 1.0}
 """
+QUOTE = "'"
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 
 
@@ -121,6 +122,35 @@ def test_a_trajectory_is_gone_through_at_its_times(jaw, client):
     client.until(lambda: jaw.at(0.1))
 
 
+def test_a_trajectory_is_stamped_by_the_clock_that_the_node_gives(start, client):
+    start(JAW, "-p", "publish_clock:=true").ready()
+    states = client.listen(JointState, "/jaw_states", qos_profile_sensor_data)
+    sender = client.node.create_publisher(JointTrajectory, "/jaw/trajectory", RELIABLE)
+    client.until(lambda: sender.get_subscription_count() and states)
+    message = trajectory((1.0, 0.1), (1.5, 0.8))
+    message.header.stamp = states[-1].header.stamp
+    sender.publish(message)
+    client.until(lambda: states[-1].position[0] > 0.75)
+    assert sum(0.02 < each.position[0] < 0.09 for each in states) > 20, "it takes its time"
+
+
+def test_grippers_share_topics_and_follow_another_widest_opening(start, client):
+    """A hardware interface reads the newest message of its topic alone."""
+    second = "claw: {joint_commands: /jaw_commands, joint_states: /jaw_states, position: [0, 1, 0], speed: 1.0}"
+    start(f"{JAW.replace('[jaw]', '[jaw, claw]')}    {second}\n").ready()
+    states = client.listen(JointState, "/jaw_states", qos_profile_sensor_data)
+    client.until(lambda: states)
+    assert {tuple(each.name) for each in states} == {("knuckle", "claw")}
+    command = JointState(name=["claw", "knuckle"], position=[0.02, 0.6])
+    sender = client.node.create_publisher(JointState, "/jaw_commands", RELIABLE)
+    client.until(lambda: sender.get_subscription_count())
+    sender.publish(command)
+    client.until(lambda: states[-1].position.tolist() == pytest.approx([0.6, 0.02], abs=1e-6))
+    assert client.set("jaw.max_opening", 0.1).successful
+    sender.publish(command)
+    client.until(lambda: states[-1].position.tolist() == pytest.approx([0.6, 0.02], abs=1e-6))
+
+
 def test_what_cannot_be_is_refused(jaw, client):
     jaw.ready()
     for fields, why in (
@@ -140,9 +170,18 @@ def test_what_cannot_be_is_refused(jaw, client):
 
 
 def test_names_that_no_topic_has_and_equal_ends_are_told(start):
-    bad = JAW.replace("/jaw_commands", "'my jaw'").replace("joint_open: 0.0", "joint_open: 0.7")
-    node = start(bad).ready()
-    assert "jaw.joint_commands is 'my jaw', left out: " in node.log and "Traceback" not in node.log
+    for commands, why in (
+        ("'my jaw'", "must not contain characters other than"),
+        ("/jaw//commands", "must not contain repeated '/'"),
+        ("'{side}/jaw'", "unknown substitution"),
+        ("/jaw_states", "this node sends on it, and would hear itself"),
+    ):
+        node = start(JAW.replace("/jaw_commands", commands)).ready()
+        told = f"jaw.joint_commands is {commands if commands[0] == QUOTE else QUOTE + commands + QUOTE}, left out: "
+        assert told in node.log and why in node.log and "Traceback" not in node.log
+        node.end()
+    node = start(JAW.replace("/jaw/trajectory", "/jaw_commands")).ready()
+    assert "jaw.joint_trajectory is '/jaw_commands', left out: this node takes JointState from it" in node.log
     node.end()
     node = start(JAW.replace("joint_open: 0.0", "joint_open: 0.8")).ready()
     assert "jaw.joint_open is 0.8, as is joint_closed; they must differ" in node.log and "Traceback" not in node.log
