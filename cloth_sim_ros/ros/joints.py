@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
-from rclpy.validate_full_topic_name import validate_full_topic_name
+
+from cloth_sim_ros.ros.topics import named_topic
 
 
 @dataclass(frozen=True)
@@ -42,26 +42,7 @@ class Joint:
 
 
 def topic_of(values: Mapping[str, Any], gripper: str, field: str, node: Node, kind: type) -> str:
-    """The topic for messages of a `kind` that a parameter of a gripper names; "" for none, and with an error in the log
-    for one that `node` cannot have."""
-    name = f"{gripper}.{field}"
-    topic = values[name]
-    if not topic or values[f"{gripper}.joint_open"] == values[f"{gripper}.joint_closed"]:
+    """The topic for messages of a `kind` that a parameter of a gripper names; "" for none, see `named_topic`."""
+    if values[f"{gripper}.joint_open"] == values[f"{gripper}.joint_closed"]:
         return ""
-    trouble = _trouble(topic, node, kind)
-    if trouble:
-        node.get_logger().error(f"{name} is '{topic}', left out: {trouble}")
-        return ""
-    return topic
-
-
-def _trouble(topic: str, node: Node, kind: type) -> str:
-    try:
-        full = node.resolve_topic_name(topic)
-        validate_full_topic_name(full)
-    except (InvalidTopicNameException, RuntimeError) as error:  # RCLError is one
-        return " ".join(str(error).split())
-    if any(each.topic_name == full for each in node.publishers):
-        return "this node sends on it, and would hear itself"
-    others = [each.msg_type for each in node.subscriptions if each.topic_name == full]
-    return f"this node takes {others[0].__name__} from it" if others and kind not in others else ""
+    return named_topic(values, f"{gripper}.{field}", node, kind)

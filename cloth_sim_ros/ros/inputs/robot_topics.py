@@ -18,6 +18,7 @@ from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.inputs.robot import GROUP, read_robot
 from cloth_sim_ros.ros.outputs.output import LATCHED
 from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
+from cloth_sim_ros.ros.topics import named_topic
 
 JOINTS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)  # each may tell of other joints
 
@@ -29,11 +30,10 @@ class RobotTopics:
         self._node, self._bridge, self._frames, self._complaints = node, bridge, frames, complaints
         self._positions: dict[str, float] = {}
         self._newest, self._urdf, self._robot = 0.0, "", None
-        self._description, self._joint_states = (
-            bridge.values[f"robot.{name}"] for name in ("description", "joint_states")
-        )
+        self._description = named_topic(bridge.values, "robot.description", node, String)
         if self._description:
             node.create_subscription(String, self._description, self._on_description, LATCHED)
+        self._joint_states = named_topic(bridge.values, "robot.joint_states", node, JointState)
         if self._joint_states:
             frames.waits = self._joint_states
             node.create_subscription(JointState, self._joint_states, self._on_joints, JOINTS)

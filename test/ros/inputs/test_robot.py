@@ -214,6 +214,13 @@ def test_a_robot_of_a_topic_goes_by_its_joints_on_a_real_node(start, client, mes
     assert "Traceback" not in node.log
 
 
+def test_topics_that_cannot_be_are_told(start):
+    scene = SCENE.format(orientation="[0.0, 0.0, 0.0, 1.0]")
+    node = start(scene.replace("/robot_description", "'the robot'").replace("/joint_states", "/joint//states")).ready()
+    assert "robot.description is 'the robot', left out: " in node.log
+    assert "robot.joint_states is '/joint//states', left out: " in node.log and "Traceback" not in node.log
+
+
 @pytest.mark.long
 def test_the_arm_of_the_guide_picks_a_towel_up(start, client, tmp_path):
     page = (ROOT / "docs/how-to/robot.md").read_text()
