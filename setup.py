@@ -50,7 +50,6 @@ setup(
             "pygltflib",
             "imageio-ffmpeg",
             "gymnasium>=1.1",
-            "mujoco>=3.2,<4",
             "ray>=2.40",
             "build",
             "twine",

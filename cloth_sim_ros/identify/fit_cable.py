@@ -12,7 +12,8 @@ import numpy as np
 import yaml
 from matplotlib.figure import Figure
 
-from cloth_sim_ros.identify.cable import NAME, Cable, CableCandidates, guesses, mean_error
+from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
+from cloth_sim_ros.identify.cable_candidates import NAME, CableCandidates
 from cloth_sim_ros.identify.fit import Estimate, identify
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.identify.terminal import Progress, exit_status

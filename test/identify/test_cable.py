@@ -6,7 +6,8 @@ import pytest
 import yaml
 
 from cloth_sim_ros.identify import fit_cable, recordings
-from cloth_sim_ros.identify.cable import Cable, CableCandidates, guesses, mean_error
+from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
+from cloth_sim_ros.identify.cable_candidates import CableCandidates
 from cloth_sim_ros.identify.fit import identify
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation

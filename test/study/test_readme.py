@@ -66,7 +66,7 @@ def test_the_cheat_sheet_is_a_scene_that_runs(tmp_path):
         parameters[name] = {**parameters.get(name, {}), **value} if isinstance(value, dict) else value
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
         assert not read_plan(file).problems, line
-    assert len(lines) == 10
+    assert len(lines) == 11
 
 
 def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):

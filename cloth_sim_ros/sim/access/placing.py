@@ -104,8 +104,8 @@ class Placing:
             batch.torn.write(batch.index[name], source.torn.read(source.index[name], 0))
         if batch.features.twist and source.features.twist:
             batch.write_body("twists", name, source.read_body("twists", name, 0))
-            part = batch.part("angles", batch.segments(name), None)
-            part.assign(np.broadcast_to(source.part("angles", source.segments(name), 0).numpy(), part.shape).copy())
+            part = batch.part("twisted", batch.segments(name), None)
+            part.assign(np.broadcast_to(source.part("twisted", source.segments(name), 0).numpy(), part.shape).copy())
         if batch.features.handles and source.features.handles:
             self._hands.take_over(name, other._hands)
 

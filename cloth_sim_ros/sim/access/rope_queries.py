@@ -61,7 +61,7 @@ class Ropes:
             raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
         batch, world = self._bodies.batch[name], None if world is None else self._bodies.one(world)
         points = self._queries.positions(name, world).astype(np.float64)
-        angles = batch.part("angles", batch.segments(name), world).numpy().reshape(*points.shape[:-2], -1)
+        angles = batch.part("twisted", batch.segments(name), world).numpy()["angle"].reshape(*points.shape[:-2], -1)
         start = read_twist(batch, name, world)["start"].reshape(*points.shape[:-2], 3)
         return directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
 

@@ -44,7 +44,7 @@ def make_settle(features: Features):
                 if wp.static(features.beam):
                     s.rope.moments[k] = wp.vec3(0.0)
                 if wp.static(features.twist):
-                    s.twist.couples[k] = wp.vec3(0.0)
+                    s.twist.twisted[k].couple = wp.vec3(0.0)
 
     return settle
 

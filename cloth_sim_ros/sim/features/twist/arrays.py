@@ -6,9 +6,9 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
-FORGOTTEN = {"couples": "segment", "angles": "segment", "twists": "body", "good_twists": "body"}
+FORGOTTEN = {"twisted": "segment", "twists": "body", "good_twists": "body"}
 # Array -> the element of each of its rows. These arrays are kept if everything on the device is rebuilt.
-KEPT = {"twists": "body", "angles": "segment", "rest_turns": "segment"}
+KEPT = {"twists": "body", "twisted": "segment", "rest_turns": "segment"}
 
 
 @wp.struct
@@ -38,15 +38,22 @@ class Twist:
 
 
 @wp.struct
+class Twisted:
+    """A segment of a twisted rope, and the joint behind it."""
+
+    couple: wp.vec3  # torsional moment x half the curvature binormal [N m] at the joint
+    carried: wp.vec3  # the vector `start` of Twist, carried to the segment without twist
+    angle: float  # angle of the material about the segment, against `carried` [rad]
+    row: wp.vec2  # scratch of the solve for the angles
+
+
+@wp.struct
 class TwistState:
     """State of twisted ropes; see State for the letters."""
 
-    couples: wp.array(dtype=wp.vec3)  # (C,) torsional moment x half the curvature binormal [N m] at each joint
+    twisted: wp.array(dtype=Twisted)  # (C,)
     rest_turns: wp.array(dtype=wp.vec2)  # (C,) turn of each joint at rest, along both directors there [-]
     bends: wp.array(dtype=wp.vec3)  # (C,) the same in world axes now
-    carried: wp.array(dtype=wp.vec3)  # (C,) the vector `start` of Twist, carried to each segment without twist
-    angles: wp.array(dtype=float)  # (C,) angle of the material about each segment, against `carried` [rad]
-    rows: wp.array(dtype=wp.vec2)  # (C,) scratch of the solve for `angles`
     twists: wp.array(dtype=Twist)  # (B,) twist of each rope that resists it
     good_twists: wp.array(dtype=Twist)  # (B,) the same when the body was last good
 
@@ -54,7 +61,7 @@ class TwistState:
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
-        **dict.fromkeys(("couples", "rest_turns", "bends", "carried", "angles", "rows"), n.joints * features.twist),
+        **dict.fromkeys(("twisted", "rest_turns", "bends"), n.joints * features.twist),
         "twists": n.bodies if features.twist else 0,
         "good_twists": n.bodies if features.twist else 0,
     }

@@ -26,8 +26,8 @@ def stiffness_of(j: int, ctx: Context) -> float:
 def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
     """Turn of joint j at rest, in world axes now; `before` and `after` are the tangents around it."""
     s, k = ctx.state.twist, ctx.body.segments + j
-    angle = 0.5 * (s.angles[k] + s.angles[k + 1])
-    return rest_turn(s.rest_turns[k], s.carried[k] + s.carried[k + 1], before + after, angle)
+    angle = 0.5 * (s.twisted[k].angle + s.twisted[k + 1].angle)
+    return rest_turn(s.rest_turns[k], s.twisted[k].carried + s.twisted[k + 1].carried, before + after, angle)
 
 
 def make_spread(tangent_at):
@@ -37,9 +37,9 @@ def make_spread(tangent_at):
     def spread(angle: float, ctx: Context):
         """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm."""
         s, first, last = ctx.state.twist, ctx.body.segments, ctx.body.count - 2
-        s.angles[first] = 0.0
-        s.angles[first + last] = angle
-        s.rows[first] = wp.vec2(0.0)
+        s.twisted[first].angle = 0.0
+        s.twisted[first + last].angle = angle
+        s.twisted[first].row = wp.vec2(0.0)
         before, stiff, moment, curved = tangent_at(0, ctx), float(0.0), float(0.0), float(0.0)
         for j in range(last):
             k = first + j
@@ -51,20 +51,20 @@ def make_spread(tangent_at):
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
             stiff_after = stiffness_of(j, ctx)
-            moment_after = stiff_after * (s.angles[k + 1] - s.angles[k])
+            moment_after = stiff_after * (s.twisted[k + 1].angle - s.twisted[k].angle)
             if j > 0:
-                row = s.rows[k - 1]
+                row = s.twisted[k - 1].row
                 lower = curved - stiff
                 diagonal = stiff + stiff_after + curved + more - lower * row[0]
                 right = moment_after - pull - moment - lower * row[1]
-                s.rows[k] = wp.vec2((more - stiff_after) / diagonal, right / diagonal)
+                s.twisted[k].row = wp.vec2((more - stiff_after) / diagonal, right / diagonal)
             stiff, curved, moment = stiff_after, more, moment_after + pull
             before = after
         move = float(0.0)
         for back in range(1, last):
             k = first + last - back
-            move = s.rows[k][1] - s.rows[k][0] * move
-            s.angles[k] += move
+            move = s.twisted[k].row[1] - s.twisted[k].row[0] * move
+            s.twisted[k].angle += move
 
     return spread
 
@@ -85,8 +85,8 @@ def make_bend_joints(tangent_at):
             s.bends[k] = bend_at(j, before, after, ctx)
             moment = float(0.0)
             if twist.known == 1:
-                moment = stiffness_of(j, ctx) * (s.angles[k + 1] - s.angles[k])
-            s.couples[k] = moment * half_binormal(before, after)
+                moment = stiffness_of(j, ctx) * (s.twisted[k + 1].angle - s.twisted[k].angle)
+            s.twisted[k].couple = moment * half_binormal(before, after)
             if j == 0:
                 twist.start_moment = moment
             else:

@@ -46,7 +46,7 @@ def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
         if j >= 0 and j < body.count - 2:
             joint = m.joints[body.segments + j]
             weight = wp.where(place == 0, joint[2], wp.where(place == 1, joint[3] - joint[2], -joint[3]))
-            force += weight * s.twist.couples[body.segments + j]
+            force += weight * s.twist.twisted[body.segments + j].couple
     return force
 
 
@@ -89,13 +89,13 @@ def make_find_twist(order: int, handles: bool):
         else:
             twist.start = start_of(twist, before)
         u = twist.start
-        ctx.state.twist.carried[ctx.body.segments] = u
+        ctx.state.twist.twisted[ctx.body.segments].carried = u
         for k in range(1, last + 1):
             after = tangent_at(k, ctx)
             u = carried_across(u, before, after)
-            ctx.state.twist.carried[ctx.body.segments + k] = u
+            ctx.state.twist.twisted[ctx.body.segments + k].carried = u
             if not clamped:
-                ctx.state.twist.angles[ctx.body.segments + k] = 0.0
+                ctx.state.twist.twisted[ctx.body.segments + k].angle = 0.0
             before = after
         if clamped:
             if twist.known != 1:

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A cable in the motion that markers on it recorded: candidates for its stiffness and damping, in all runs at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import warp as wp
+from scipy.interpolate import CubicSpline
+
+from cloth_sim_ros.identify.cable import Cable
+from cloth_sim_ros.identify.cable_shape import (
+    PLACES,
+    as_numbers,
+    fit_shape,
+    from_numbers,
+    headings,
+    turn_between,
+    turns,
+)
+from cloth_sim_ros.identify.candidates import Sought, values_of
+from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.parameters import number
+from cloth_sim_ros.sim import Handle, Scene, Settings, Simulation
+from cloth_sim_ros.sim.input.numbers import Numbers
+from cloth_sim_ros.sim.scene.forces import FORCES, Force
+
+NAME = "cable"
+_LONGEST = 1.0e-3  # length of a substep [s]
+_REACH = 1.0e-3  # of the handle at a held marker [m]
+_CORRECTIONS = 2  # of positions and velocities at the start
+_LONGER = 5.0e-3  # share of a length, by which slopes are found
+_ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
+_LIGHTER = 5.0  # factor within which the mass lies around that of the given density
+_SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBUST
+# Bounds of what is found: rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
+# momentum [1/s]; torsional rigidity over mass per length [m^4/s^2].
+_RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
+# Turns that are looked for [rad], a whole one: 0 of a straight cable and half a turn of a U lie well within.
+_TURNED = (-0.5 * math.pi, 1.5 * math.pi)
+
+
+@wp.func
+def viscous_force(x: wp.vec3, v: wp.vec3, mass: float, numbers: Numbers) -> wp.vec4:
+    """As `solver.global_damping`, of which each world needs its own here."""
+    rate = numbers[0] * mass
+    return wp.vec4(-rate * v[0], -rate * v[1], -rate * v[2], rate)
+
+
+class Viscous(Force):
+    """Drag on every particle, relative to its momentum [1/s]."""
+
+    rows = (number("rate", 0.0, "Drag relative to momentum.", "1/s", 0, 1e4),)
+    function = viscous_force
+
+
+FORCES["viscous"] = Viscous
+
+
+class Turn(Sought):
+    """Turn of the end beyond what headings tell [rad], sought as its exponential, which is above 0."""
+
+    def shown(self, value: np.ndarray) -> np.ndarray:
+        """As angles [rad]."""
+        with np.errstate(divide="ignore"):
+            return np.log(value)
+
+
+class CableCandidates:
+    """Candidates for the bending and drag of a cable, for fit.py. A world has one candidate in one run.
+
+    together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
+    `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
+    shaped: whether its bends at rest and the offsets of its markers are found.
+    until: how many of them are looked at. count: of numbers that are compared. Raises ValueError for bad runs.
+    """
+
+    def __init__(
+        self, cable: Cable, markers: Markers, together: int, start: int, device: str, shaped: bool = False
+    ) -> None:
+        self._seen = markers.seen
+        frames = self._seen.shape[1]
+        if not 2 <= start < frames:
+            raise ValueError(f"--start is {start}; allowed are 2 frames up to those of the shortest run")
+        if not 1 <= cable.held or 2 * cable.held >= markers.count:
+            raise ValueError(
+                f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
+            )
+        self.cable, self.first, self._markers, self._device, self._shaped = cable, start, markers, device, shaped
+        self._forces = self._forces_seen()
+        if not np.isfinite(self._seen[:, :, cable.held_markers]).all():
+            raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
+        self.times = np.arange(1, frames - start + 1) / markers.rate
+        self.until, self.frames, self.told = len(self.times), 0, lambda frames: None
+        self.length = frames - start
+        self.count = int(np.isfinite(self._seen[:, start:]).sum())
+        self.count += 0 if self._forces is None else self._forces[:, start:].size
+        self.sought = [
+            Sought(f"{NAME}.bend_compliance", *(1.0 / (cable.density * each) for each in reversed(_RIGIDITY))),
+            Sought(f"{NAME}.bend_damping", *_DAMPING),
+            Sought("drag.rate", *_DRAG),
+            Sought(f"{NAME}.twist_compliance", *(1.0 / (cable.density * each) for each in reversed(_TORSION))),
+            *self._mass(),
+            Turn(f"{NAME}.end_turn", *map(math.exp, _TURNED)),
+        ]
+        self.free = [m for m in range(markers.count) if m not in cable.held_markers]
+        self._turned = {m: self._turns(m) for m in cable.held_markers}
+        self._headings = headings(self._tangents(0)[:, 0])
+        self._noise: np.ndarray | None = None
+        self._kept: list[np.ndarray] | None = None
+        self._make(together)
+
+    def _make(self, together: int) -> None:
+        middle = [math.sqrt(each.low * each.high) for each in self.sought]
+        rope, runs = self.cable.rope(*middle[:2], middle[3]), len(self._seen)
+        handles = {
+            f"hand_{m}": Handle(position=tuple(rope.points[self.cable.markers[m]]), reach=_REACH, attached=True)
+            for m in self.cable.held_markers
+        }
+        scene = Scene({NAME: rope}, handles=handles, forces={"drag": Viscous(rate=middle[2])})
+        dt = 1.0 / self._markers.rate
+        settings = Settings(frame_dt=dt, order=2, substeps=math.ceil(dt / _LONGEST), iterations=1)
+        self.worlds = together
+        self.sim = Simulation(scene, settings, self._device, worlds=runs * together)
+        begin = [self._markers.start(run, self.first) for run in range(runs)]
+        self._begin = np.tile(np.stack(begin, axis=1), (1, together, 1, 1))
+        self._turns_between = np.array([turn_between(self._along(each[0], axis=0)) for each in begin])
+
+    def _forces_seen(self) -> np.ndarray | None:
+        """(R, F, 3) forces at the start's hand [N], or None."""
+        forces = self._markers.forces
+        if forces is None:
+            return None
+        seen = np.stack([run[: self._seen.shape[1]] for run in forces])
+        if not np.isfinite(seen).all():
+            raise ValueError("a force is not a number; allowed are recordings in which all are, or none is given")
+        return seen
+
+    @property
+    def has_forces(self) -> bool:
+        """True if forces were recorded, which tell the mass."""
+        return self._forces is not None
+
+    def weighed(self, values: np.ndarray) -> Cable:
+        """The cable with the density that forces tell, if they do."""
+        if not self.has_forces:
+            return self.cable
+        return dataclasses.replace(self.cable, density=float(values[4] / self.cable.places[-1]))
+
+    def _mass(self) -> list[Sought]:
+        """The mass, if forces tell it."""
+        mass = self.cable.density * self.cable.places[-1]
+        return [] if self._forces is None else [Sought(f"{NAME}.mass", mass / _LIGHTER, mass * _LIGHTER)]
+
+    def _pulls(self, frame: int) -> np.ndarray:
+        """(worlds, 1, 3) by how much the force at the start's hand is off, as a distance [m]."""
+        hands = [self.sim.tensor(f"hand_{m}", "wrench").numpy()[:, :3] for m in range(self.cable.held)]
+        off = np.sum(hands, axis=0) - np.tile(self._forces[:, frame], (self.worlds, 1))
+        return (off * _ROBUST / (_SHARE * np.sqrt((self._forces**2).sum(axis=2).mean())))[:, None]
+
+    def _tangents(self, marker: int) -> np.ndarray:
+        """(R, F, 3) of the cable where a held marker is; of one that is alone at its end, the world's z."""
+        held, seen = self.cable.held, self._seen
+        if held < 2:
+            return np.broadcast_to([0.0, 0.0, 1.0], seen[:, :, 0].shape)
+        near, far = (0, 1) if marker < held else (-2, -1)
+        edges = seen[:, :, far] - seen[:, :, near]
+        return edges / np.linalg.norm(edges, axis=-1, keepdims=True)
+
+    def _turns(self, marker: int) -> np.ndarray:
+        """(R, F, 4) orientations of the hand at a held marker, which turns with the tangent but not about it."""
+        return turns(self._tangents(marker))
+
+    @property
+    def shape(self) -> np.ndarray:
+        """(S,) curvature at rest and offsets of markers, in their usual sizes."""
+        offsets = np.zeros((len(self.free), 2)) if self.cable.offsets is None else self.cable.offsets
+        return as_numbers(self.cable.curvature, offsets)
+
+    @shape.setter
+    def shape(self, numbers: np.ndarray) -> None:
+        curvature, offsets = from_numbers(numbers)
+        self.cable = dataclasses.replace(self.cable, curvature=curvature, offsets=offsets)
+
+    def narrow(self, together: int) -> None:
+        """Go on with at most so many candidates side by side."""
+        if together < self.worlds:
+            self._make(together)
+
+    def settle(self, units: np.ndarray) -> None:
+        """Do nothing: markers are known by number, so that nothing is to be judged."""
+
+    def refine(self, units: np.ndarray) -> np.ndarray:
+        """Find the cable's shape, if it is `shaped`, near a good candidate (P,); return the one that is good with it.
+
+        From now on, what noise at the start and in lengths does counts less in residuals. Residuals are whitened by
+        their covariance (generalised least squares, Aitken 1935). It has noise at each marker, and what this noise
+        does to starts and lengths. Lengths between markers are corrected before by what splines through the
+        candidate's markers miss of its own.
+        """
+        units, seen = fit_shape(self, units) if self._shaped else units, self._seen[:, self.first :]
+        off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self._markers.count]
+        was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, seen + off))
+        self._lengthen(was - now, self.worlds)
+        still, noise = self.off(units[None])[0], self._markers.noise(self.free)
+        slopes = [self._by_starts(units, noise, still), self._by_lengths(units, noise, still)]
+        slopes = np.nan_to_num(np.concatenate(slopes))
+        slopes = slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
+        shapes, sizes, _ = np.linalg.svd(slopes / np.sqrt(np.nanmean(off**2)), full_matrices=False)
+        self._noise = shapes * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
+        return units
+
+    def _lengthen(self, more: np.ndarray, together: int) -> None:
+        self.cable = dataclasses.replace(self.cable, lengths=self.cable.lengths + more)
+        self._make(together)
+
+    def _by_starts(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
+        """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
+        free, frames = self.free, self.first
+        sizes = noise * np.array([1.0, self._markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
+        moves = np.zeros((2, len(free), 3, 2, self._markers.count, 3))
+        for part, marker, axis in np.ndindex(moves.shape[:3]):
+            moves[part, marker, axis, part, free[marker], axis] = sizes[part]
+        moves = moves.reshape(-1, *moves.shape[3:])
+        return self.off(np.tile(units, (len(moves), 1)), moves) - still
+
+    def _by_lengths(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
+        """(M - 1, until, R, M, 3) changes of `off` by a usual error of each length between two markers."""
+        cable, together, found = self.cable, self.worlds, []
+        for longer in _LONGER * np.diag(cable.lengths):
+            self._lengthen(longer, 1)
+            found.append(self.off(units[None])[0])
+            self.cable = cable
+        self._make(together)
+        error = noise * math.sqrt(2.0 / self._seen[:, :, 0, 0].size)
+        return (np.array(found) - still) * (error / (_LONGER * cable.lengths))[:, None, None, None, None]
+
+    def values(self, units: np.ndarray) -> np.ndarray:
+        """Values of what is sought, from places (K, P) between its bounds."""
+        return values_of(self.sought, units)
+
+    def off(self, units: np.ndarray, moves: np.ndarray | None = None, curved: np.ndarray | None = None) -> np.ndarray:
+        """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
+
+        Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
+
+        moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
+        curved (K, PLACES, 2): the same to the curvature at rest [1/m].
+        """
+        curved = np.zeros((len(units), PLACES, 2)) if curved is None else curved
+        moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
+        parts = [slice(k, k + self.worlds) for k in range(0, len(units), self.worlds)]
+        return np.concatenate([self._run(units[part], moves[part], curved[part]) for part in parts])
+
+    def by_offsets(self, units: np.ndarray) -> np.ndarray:
+        """(until, R, M, 3, 2) changes of `off` of one candidate (P,) by the two offsets of each marker."""
+        self._kept = []
+        self._run(units[None], np.zeros((1, 1, 1, 1)), np.zeros((1, PLACES, 2)))
+        kept, self._kept = self._kept[-self.until :], None
+        return np.array(kept)[:, : len(self._seen)]
+
+    def soft(self, off: np.ndarray) -> np.ndarray:
+        """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
+        off = np.nan_to_num(off).reshape(len(off), -1)
+        return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))
+
+    def softness(self, off: np.ndarray) -> np.ndarray:
+        """(n,) slopes of `soft` by `off` of one candidate."""
+        root = np.sqrt(1.0 + (np.nan_to_num(off).ravel() / _ROBUST) ** 2)
+        return np.isfinite(off).ravel() * np.sqrt(0.5 * (1.0 + root)) / root
+
+    def residuals(self, units: np.ndarray) -> np.ndarray:
+        """(K, n) as `soft`, without what noise at the start and in lengths does."""
+        off = np.nan_to_num(self.off(units))
+        if self._noise is not None:
+            rows = off.swapaxes(1, 2).reshape(len(units), len(self._seen), -1)
+            rows -= np.einsum("rnp,rmp,krm->krn", self._noise, self._noise, rows, optimize=True)
+            off = rows.reshape(off.swapaxes(1, 2).shape).swapaxes(1, 2)
+        return self.soft(off)
+
+    def squares(self, units: np.ndarray) -> np.ndarray:
+        """(K, until) sums of squares of residuals [m^2] up to each frame."""
+        return (self.residuals(units).reshape(len(units), self.until, -1) ** 2).sum(axis=2).cumsum(axis=1)
+
+    def error(self, units: np.ndarray) -> np.ndarray:
+        """(1, n) by how much residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
+        coarse, substeps = self.residuals(units[None])[0], self.sim.settings.substeps
+        self.sim.set("solver.substeps", 2 * substeps)
+        fine = self.residuals(units[None])[0]
+        self.sim.set("solver.substeps", substeps)
+        return ((fine - coarse) / 0.75)[None]
+
+    def _run(self, units: np.ndarray, moves: np.ndarray, curved: np.ndarray) -> np.ndarray:
+        """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
+        runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
+        values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
+        sim.reset()
+        for each, column in zip(self.sought[:-1], values.T[:-1], strict=True):
+            sim.set(each.name, np.repeat(column, runs))
+        turned = self._turns_between + self.sought[-1].shown(values[:, -1])[:, None]
+        sim.set(self.sought[-1].name, np.remainder(turned + math.pi, 2.0 * math.pi).ravel() - math.pi)
+        rest = self.cable.rest_turns(self.cable.curvature + curved[filled])
+        rest = np.einsum("kja,rba->krjb", rest, self._headings)
+        sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
+        self._begin_well(moves)
+        found = []
+        for frame in range(self.first, self.first + self.until):
+            off = [self._step(frame)] + ([] if self._forces is None else [self._pulls(frame)])
+            found.append(np.concatenate(off, axis=1).reshape(self.worlds, runs, -1, 3))
+        found = np.stack(found, axis=1)
+        return found[: len(units)]
+
+    def _begin_well(self, moves: np.ndarray) -> None:
+        """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
+
+        moves (2, worlds, M, 3) are added to these. A line through the distances in these frames corrects both, as if
+        markers moved freely; so it is done again.
+        """
+        begin, times = self._begin, np.arange(self.first) / self._markers.rate
+        for correction in range(_CORRECTIONS + 1):
+            if correction == _CORRECTIONS:
+                begin = begin + moves
+            self._hold(0, sweep=False)
+            for part, what in zip(begin, ("positions", "velocities"), strict=True):
+                self.sim.write(NAME, what, self._along(part, axis=1).astype(np.float32))
+            off = [self._step(frame) for frame in range(1, self.first)]
+            off = [begin[0] + self._beside() - np.tile(self._seen[:, 0], (self.worlds, 1, 1)), *off]
+            if correction < _CORRECTIONS:
+                line = np.polynomial.polynomial.polyfit(times, np.reshape(off, (self.first, -1)), 1)
+                begin = begin - line.reshape(begin.shape)
+
+    def _along(self, markers: np.ndarray, axis: int) -> np.ndarray:
+        """Of all particles what is known of markers, by splines."""
+        return CubicSpline(self.cable.places[self.cable.markers], markers, axis=axis)(self.cable.places)
+
+    def _step(self, frame: int) -> np.ndarray:
+        """(worlds, M, 3) [m] by how much markers are off at the end of a frame."""
+        self._hold(frame, sweep=True)
+        self.sim.step()
+        self.frames += 1
+        self.told(self.frames)
+        seen = np.tile(self._seen[:, frame], (self.worlds, 1, 1))
+        return self.sim.positions(NAME, None)[:, self.cable.markers] + self._beside() - seen
+
+    def _beside(self) -> np.ndarray | float:
+        """(worlds, M, 3) [m] from the cable's middle to its markers."""
+        if self.cable.offsets is None and self._kept is None:
+            return 0.0
+        u = self.sim.directors(NAME, None)
+        edges = np.diff(self.sim.positions(NAME, None).astype(np.float64), axis=1)
+        at = self.cable.markers[self.free]
+        t, u = edges[:, at - 1] + edges[:, at], u[:, at - 1] + u[:, at]
+        t, u = (rows / np.linalg.norm(rows, axis=-1, keepdims=True) for rows in (t, u))
+        both = np.stack([u, np.cross(t, u)], axis=-1) @ np.tile(self._headings, (self.worlds, 1, 1))[:, None]
+        every = np.zeros((len(both), self._markers.count, 3, 2))
+        every[:, self.free] = both
+        if self._kept is not None:
+            self._kept.append(every)
+        offsets = np.zeros((self._markers.count, 2))
+        if self.cable.offsets is not None:
+            offsets[self.free] = self.cable.offsets
+        return np.einsum("wmca,ma->wmc", every, offsets)
+
+    def _hold(self, frame: int, sweep: bool) -> None:
+        """Hands are at the held markers at the end of the next frame, or at once."""
+        for m in self.cable.held_markers:
+            places, turned = (
+                np.tile(each, (self.worlds, 1)) for each in (self._seen[:, frame, m], self._turned[m][:, frame])
+            )
+            self.sim.set_handle_pose(f"hand_{m}", places, turned, sweep=sweep)
