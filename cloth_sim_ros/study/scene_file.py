@@ -35,7 +35,7 @@ def read_plan(path: Path) -> Plan:
         values[name] = _value(row, name, given)
     unknown = sorted(set(given) - set(rows))
     if unknown:
-        raise ValueError(f"{path} has {unknown[0]}, which is no parameter")
+        raise ValueError(f"{path} has {table.shown(unknown[0])}, which is no parameter")
     plan = make_plan(values | material_values(values, given))
     for problem in plan.problems.values():
         raise ValueError(f"{path}: {problem}")
