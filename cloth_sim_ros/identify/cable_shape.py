@@ -20,7 +20,7 @@ _BENT = 0.1  # curvature by which slopes are found [1/m]
 
 
 class Shaped(Protocol):
-    """What fits a shape: see cable.CableCandidates."""
+    """What fits a shape: see cable_candidates.CableCandidates."""
 
     shape: np.ndarray
     free: list[int]
