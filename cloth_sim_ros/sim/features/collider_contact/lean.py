@@ -27,7 +27,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
-from cloth_sim_ros.sim.physics.friction import outward
+from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 RATIO = wp.constant(100.0)  # R
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
@@ -329,10 +329,8 @@ def keep_lean(k: int, near: Near, ctx: Context):
         lean, friction = ctx.state.contact.presses[entry].lean, ctx.state.contact.presses[entry].friction
         if lean[3] > 0.0:
             n = xyz(lean)
-            most = friction * wp.max(wp.dot(acted, n), 0.0)
-            rub = acted - wp.dot(acted, n) * n
-            if wp.length(rub) > most[0]:
-                rub *= most[1] / wp.length(rub)
+            pressed = wp.max(wp.dot(acted, n), 0.0)
+            rub = friction_correction(wp.vec3(0.0), acted - wp.dot(acted, n) * n, pressed, friction[0], friction[1])
             rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * rub
             ctx.state.contact.presses[entry].when = ctx.substep
             ctx.state.contact.presses[entry].normal = n
