@@ -23,11 +23,11 @@ class Pace:
 class FrameClock:
     """Absolute deadlines every `period` [s], so that lateness of one frame does not delay the ones after it.
 
-    A frame that comes more than MOST_DEBT periods late is not caught up with: the debt is dropped, the simulation falls
-    behind real time, and `pace` says so.
+    Frames that come late are caught up with, as where other work takes the processor for a moment. Time beyond
+    MOST_BEHIND is dropped: the simulation falls behind real time, and `pace` says so.
     """
 
-    MOST_DEBT = 2
+    MOST_BEHIND = 0.25  # [s]
 
     def __init__(self, period: float):
         self.period = period
@@ -51,7 +51,7 @@ class FrameClock:
     def wait(self, stop: threading.Event) -> None:
         """Sleeps until the next frame is due, or until `stop` is set."""
         now = time.monotonic()
-        self._deadline = max(self._deadline + self.period, now - self.MOST_DEBT * self.period)
+        self._deadline = max(self._deadline + self.period, now - self.MOST_BEHIND)
         if self._deadline > now:
             stop.wait(self._deadline - now)
 

@@ -89,30 +89,30 @@ def _or_beyond(others, name: str):
     return wp.func(is_beyond, name=f"is_beyond_{name}")
 
 
-def make_is_hollow(present: tuple[str, ...]):
-    """Make a Warp function (shape, data): True if a collider is not convex. None if all shapes present are convex."""
+def make_width(present: tuple[str, ...]):
+    """Make a Warp function (shape, data) -> width [m] of what a collider is made of; 0 if it is convex.
+
+    Returns None if all shapes in `present` are convex.
+    """
     chosen = None
     for name in present:
-        if not SHAPES[name].convex:
-            chosen = _or_hollow(chosen, name)
+        if SHAPES[name].width is not None:
+            chosen = _or_wide(chosen, name)
     return chosen
 
 
-def _or_hollow(others, name: str):
-    index, is_convex = number_of(name), SHAPES[name].is_convex
+def _or_wide(others, name: str):
+    index, of_shape = number_of(name), SHAPES[name].width
 
-    def is_hollow(shape: int, data: wp.uint64) -> bool:
+    def width(shape: int, data: wp.uint64) -> float:
         if shape == wp.static(index):
-            if wp.static(is_convex is not None):
-                return not is_convex(data)
-            else:
-                return True
+            return of_shape(data)
         if wp.static(others is not None):
             return others(shape, data)
         else:
-            return False
+            return 0.0
 
-    return wp.func(is_hollow, name=f"is_hollow_{name}")
+    return wp.func(width, name=f"width_{name}")
 
 
 def _or(others, name: str):

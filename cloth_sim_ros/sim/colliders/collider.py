@@ -58,10 +58,10 @@ class Collider:
     `data` and its own `size()`; its rows are not live then. Raises ValueError for a value that is not allowed.
 
     distance: Warp function (p, size) or (p, size, data) -> outward normal (x, y, z) and signed distance [m] of local
-    point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. convex: True if the
-    distance is convex along every line; is_convex: a function (data) that says so where it differs. wholes: halves
-    among `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these come
-    first.
+    point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. width: of a
+    shape that may not be convex, a Warp function (data) -> twice its volume over its surface [m], or 0 where the
+    distance is convex along every line. wholes: halves among `dimensions`, of which YAML has the double as in
+    shape_msgs/SolidPrimitive, and its name there; these come first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -74,8 +74,7 @@ class Collider:
     wholes: ClassVar[Mapping[str, str]] = {}
     distance: ClassVar[wp.Function]
     at_least: ClassVar[wp.Function | None] = None
-    convex: ClassVar[bool] = True
-    is_convex: ClassVar[wp.Function | None] = None
+    width: ClassVar[wp.Function | None] = None
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))

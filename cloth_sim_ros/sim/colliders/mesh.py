@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -47,8 +47,7 @@ class Mesh(Collider):
     content: str = field(init=False, default="", repr=False)
     distance = mesh_distance.signed_distance
     at_least = mesh_distance.at_least
-    convex: ClassVar[bool] = False
-    is_convex = mesh_distance.is_convex
+    width = mesh_distance.width
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -111,12 +110,13 @@ class Mesh(Collider):
             host = None if device.is_cpu else self.data(wp.get_device("cpu"))
             grid = host.grid if host else grid_of(words.ctypes.data, self.points(), self.triangles, self.reach())
             cells = wp.array(grid.cells, dtype=wp.vec2, device=device)
-            planes = wp.array(grid.planes, dtype=float, device=device)
+            around = wp.array(grid.around, dtype=float, device=device)
             names = wp.array(grid.names, dtype=int, device=device)
-            words[2:6] = cells.ptr, planes.ptr, names.ptr, is_convex(self.points(), self.triangles)
+            words[2:5] = cells.ptr, around.ptr, names.ptr
+            words[5:6].view(np.float32)[0] = width_of(self.points(), self.triangles)
             numbers = words.view(np.float32).reshape(-1, 4)
             numbers[-2:] = [*grid.origin, grid.spacing], [*grid.shape, 1.0 / grid.spacing]
-            made = _OnDevice(wp.array(numbers, dtype=wp.vec4, device=device), tree, rows, cells, planes, names, host)
+            made = _OnDevice(wp.array(numbers, dtype=wp.vec4, device=device), tree, rows, cells, around, names, host)
             made.grid = grid
             return made
 
@@ -182,6 +182,15 @@ def is_convex(points: np.ndarray, faces: np.ndarray) -> bool:
     corners, of = points[faces], np.tile(np.arange(len(faces)), 3)
     above = np.einsum("eki,ei->ek", corners[beside] - corners[of][:, :1], _flat_normals(corners)[of])
     return bool(above.max() <= _FLAT * np.abs(points).max())
+
+
+def width_of(points: np.ndarray, faces: np.ndarray) -> float:
+    """Twice the volume over the surface of a closed surface [m]; 0 if it is convex."""
+    if is_convex(points, faces):
+        return 0.0
+    corners = points[faces] - points.mean(axis=0)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(2.0 * (np.linalg.det(corners).sum() / 6.0) / (0.5 * np.linalg.norm(across, axis=1).sum()))
 
 
 def _flat_normals(corners: np.ndarray) -> np.ndarray:

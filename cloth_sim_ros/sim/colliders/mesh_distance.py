@@ -10,21 +10,23 @@ import warp as wp
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, load_int, load_number, xyz
 from cloth_sim_ros.sim.kernels.native import LANES, source
 
-# Offsets [bytes] at the address of a mesh: tree, triangles, cells of its grid, planes and triangle numbers of all
-# lists, and a flag that is not 0 if it is convex.
-TREE, TRIANGLES, CELLS, PLANES, NAMES, CONVEX = (wp.constant(wp.uint64(8 * k)) for k in range(6))
+# Offsets [bytes] at the address of a mesh: tree, triangles, cells of its grid, bounds and triangle numbers of all
+# lists, and its width.
+TREE, TRIANGLES, CELLS, BOUNDS, NAMES, WIDTH = (wp.constant(wp.uint64(8 * k)) for k in range(6))
 WORDS = 6  # number of these words, even
 # Rows of four numbers behind them: origin and spacing of the grid; cells along each axis, and cells per metre.
 GRID, SHAPE = wp.constant(WORDS // 2), wp.constant(WORDS // 2 + 1)
 # Number of rows of a triangle: its first corner a, b - a and c - a, with the products of the latter two; its unit
 # normal and height; the normals of its corners; those of the edges opposite them.
 ROWS = wp.constant(10)
-# Planes of a list lie LANES at a time: x of all, y, z, and their heights.
+# Bounds of a list lie LANES at a time: x, y, z and height of planes before the triangles, then x, y, z and radius of
+# balls around them. Beside a plane, the ball excludes triangles that lie in one plane with the nearest.
+NUMBERS = wp.constant(8)  # of a triangle's bounds
 
 
 @wp.func_native(source(__file__, "next_below", LANES=LANES))
-def next_below(k: int, last: int, planes: wp.uint64, p: wp.vec3, distance: float) -> int:
-    """First of planes k to `last` nearer to p than `distance` [m], or `last`; a CPU tests eight at a time."""
+def next_below(k: int, last: int, bounds: wp.uint64, p: wp.vec3, distance: float) -> int:
+    """First of entries k to `last` that may be nearer to p than `distance` [m], or `last`; a CPU tests 8 at once."""
     ...
 
 
@@ -127,9 +129,9 @@ def at_least(p: wp.vec3, data: wp.uint64) -> float:
 
 
 @wp.func
-def is_convex(data: wp.uint64) -> bool:
-    """True if the surface is convex."""
-    return load_address(data + CONVEX) != wp.uint64(0)
+def width(data: wp.uint64) -> float:
+    """Twice the volume over the surface [m]; 0 if the surface is convex."""
+    return load_number(data + WIDTH, 0)
 
 
 @wp.func
@@ -160,12 +162,12 @@ def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     first, last = load_int(cells, cell + 1), load_int(cells, cell + 3)
     if first == last or wp.max(wp.abs(off)) > half:
         return by_tree(p, size, data)
-    planes, names = load_address(data + PLANES), load_address(data + NAMES)
+    bounds, names = load_address(data + BOUNDS), load_address(data + NAMES)
     triangles = load_address(data + TRIANGLES)
     face = int(0)
     nearest = wp.vec3(0.0)
     distance = float(1.0e30)
-    k = next_below(first, last, planes, p, distance)
+    k = next_below(first, last, bounds, p, distance)
     while k < last:
         f = load_int(names, k)
         there = nearest_on(f, p, triangles)
@@ -173,5 +175,5 @@ def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
             face = f
             nearest = there
             distance = wp.sqrt(there[0])
-        k = next_below(k + 1, last, planes, p, distance)
+        k = next_below(k + 1, last, bounds, p, distance)
     return signed(face, 1.0 - nearest[1] - nearest[2], nearest[1], p, size[0], triangles)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.colliders.mesh_distance import ROWS, TREE, TRIANGLES, by_tree, nearest_on
+from cloth_sim_ros.sim.colliders.mesh_distance import NUMBERS, ROWS, TREE, TRIANGLES, by_tree, nearest_on
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.kernels.native import LANES
 
-# Spacing of the grid over the root of the mean triangle area. A list then has about 27 triangles, and lists take 1.5 kB
+# Spacing of the grid over the root of the mean triangle area. A list then has about 27 triangles, and lists take 2.6 kB
 # per triangle.
 _SPACING = 1.2
 _LEAST, _MOST = 16, 1 << 21  # minimum number of cells along the longest side, and maximum number in all
@@ -33,14 +33,15 @@ class Grid:
     """origin (3,) and spacing [m], and how many cells it has along each axis.
 
     cells (N + 1, 2): of each what the signed distance of its middle is not below [m], and as an integer where its list
-    begins. planes (M / 8, 4, 8), flat, and names (M,), the numbers of triangles: the lists one after another.
+    begins. The lists, one after another: around (M / 8, 8, 8), flat, see NUMBERS, and names (M,), the numbers of
+    triangles.
     """
 
     origin: np.ndarray
     spacing: float
     shape: tuple[int, ...]
     cells: np.ndarray
-    planes: np.ndarray
+    around: np.ndarray
     names: np.ndarray
 
 
@@ -115,21 +116,33 @@ def _may_be_nearest(plane: wp.vec4, foot: wp.vec3, middle: wp.vec3, spacing: flo
 
 
 @wp.func
-def _put(plane: wp.vec4, f: int, place: int, planes: wp.array(dtype=float), names: wp.array(dtype=int)):
-    """Write an entry of a list."""
-    names[place] = f
-    first = place / wp.static(LANES) * wp.static(4 * LANES) + place % wp.static(LANES)
-    for k in range(4):
-        planes[first + wp.static(LANES) * k] = plane[k]
+def _ball(f: int, slack: float, triangles: wp.uint64) -> wp.vec4:
+    """A ball that holds a triangle: its centre and radius."""
+    ab, ac = xyz(load4(triangles, ROWS * f + 1)), xyz(load4(triangles, ROWS * f + 2))
+    to = (ab + ac) / 3.0
+    centre = xyz(load4(triangles, ROWS * f)) + to
+    radius = wp.max(wp.length(to), wp.max(wp.length(ab - to), wp.length(ac - to)))
+    return wp.vec4(centre[0], centre[1], centre[2], radius + slack)
 
 
 @wp.func
-def _move(start: int, end: int, planes: wp.array(dtype=float), names: wp.array(dtype=int)):
-    """Write the first entry of a list, which is at `start`, to another place too."""
-    plane = wp.vec4(0.0)
+def _put(plane: wp.vec4, ball: wp.vec4, f: int, place: int, around: wp.array(dtype=float), names: wp.array(dtype=int)):
+    """Write an entry of a list."""
+    names[place] = f
+    first = place / wp.static(LANES) * wp.static(NUMBERS * LANES) + place % wp.static(LANES)
     for k in range(4):
-        plane[k] = planes[start / wp.static(LANES) * wp.static(4 * LANES) + wp.static(LANES) * k]
-    _put(plane, names[start], end, planes, names)
+        around[first + wp.static(LANES) * k] = plane[k]
+        around[first + wp.static(LANES) * (4 + k)] = ball[k]
+
+
+@wp.func
+def _move(start: int, end: int, around: wp.array(dtype=float), names: wp.array(dtype=int)):
+    """Write the first entry of a list, which is at `start`, to another place too."""
+    lanes = wp.static(LANES)
+    first, second = start / lanes * NUMBERS * lanes + start % lanes, end / lanes * NUMBERS * lanes + end % lanes
+    names[end] = names[start]
+    for k in range(NUMBERS):
+        around[second + lanes * k] = around[first + lanes * k]
 
 
 @compiled
@@ -140,7 +153,7 @@ def _list(
     marked: wp.array(dtype=int),
     nearest: wp.array(dtype=wp.vec4),
     first: wp.array(dtype=int),
-    planes: wp.array(dtype=float),
+    around: wp.array(dtype=float),
     names: wp.array(dtype=int),
 ):
     """Count the triangles that may be the nearest of a point of a cell; if there is room for names, list them from
@@ -165,9 +178,9 @@ def _list(
                 place = at + count
                 if distance < best:
                     best = distance
-                    _move(at, place, planes, names)
+                    _move(at, place, around, names)
                     place = at
-                _put(plane, f, place, planes, names)
+                _put(plane, _ball(f, slack, triangles), f, place, around, names)
             count += 1
     if names.shape[0] == 0:
         first[wp.tid()] = count
@@ -216,13 +229,13 @@ def grid_of(data: int, points: np.ndarray, faces: np.ndarray, reach: float) -> G
     counts[1 + marked[some]] = -(-first.numpy() // LANES) * LANES
     begins = np.cumsum(counts, dtype=np.int32)
     first.assign(begins[marked[some]])
-    empty = np.zeros((int(begins[-1]) // LANES, 4, LANES), np.float32)
+    empty = np.zeros((int(begins[-1]) // LANES, NUMBERS, LANES), np.float32)
     empty[:, 3] = -1e30  # what fills up eight is far from all points
-    planes = wp.array(empty.ravel(), dtype=float, device=device)
+    around = wp.array(empty.ravel(), dtype=float, device=device)
     names = wp.zeros(int(begins[-1]), dtype=int, device=device)
-    wp.launch(_list, dim=len(listed), inputs=[*inputs, first, planes, names], device=device)
+    wp.launch(_list, dim=len(listed), inputs=[*inputs, first, around, names], device=device)
     rows = np.stack([np.append(bounds, 0.0).astype(np.float32), begins.view(np.float32)], axis=1)
-    return Grid(origin, spacing, shape, rows, planes.numpy(), names.numpy())
+    return Grid(origin, spacing, shape, rows, around.numpy(), names.numpy())
 
 
 def _bounds(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import load_number
 from cloth_sim_ros.sim.mesh_file import local_path
 from cloth_sim_ros.sim.physics.quaternion import Vector
 
-_HEAD = 6  # numbers before the values: the number of values along each axis, and the origin
+_HEAD = 7  # numbers before the values: the number of values along each axis, the origin, and the width
 _MOST = 1 << 24  # largest number of values
 _MOST_BYTES = 8 * _MOST + (1 << 16)  # largest size of an array in a file [bytes]
 _STEEPER = 1.05  # largest slope of the values; a distance has at most 1, but files may be rounded
@@ -71,6 +71,12 @@ def signed_distance(p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     return wp.vec4(n[0], n[1], n[2], distance)
 
 
+@wp.func
+def width(data: wp.uint64) -> float:
+    """Twice the volume over the surface [m]."""
+    return load_number(data, wp.static(_HEAD - 1))
+
+
 @dataclass(frozen=True)
 class SignedDistance(Collider):
     """A solid given by its signed distances `values` (X, Y, Z) [m] on a grid, negative inside.
@@ -91,7 +97,7 @@ class SignedDistance(Collider):
         replace(lengths("spacing"), live=False),
     )
     distance = signed_distance
-    convex: ClassVar[bool] = False
+    width = width
 
     def __post_init__(self) -> None:
         if np.ndim(self.spacing) == 0:
@@ -166,10 +172,17 @@ class SignedDistance(Collider):
         """The grid and its values."""
 
         def make() -> OnDevice:
-            numbers = np.concatenate([self.values.shape, self.origin, self.values.ravel()]).astype(np.float32)
+            head = [*self.values.shape, *self.origin, _width_of(self.values < 0.0, np.array(self.spacing))]
+            numbers = np.concatenate([head, self.values.ravel()]).astype(np.float32)
             return OnDevice(wp.array(numbers, dtype=float, device=device))
 
         return shared(f"volume {self.content} {self.origin}", device, make)
+
+
+def _width_of(inside: np.ndarray, spacing: np.ndarray) -> float:
+    """Twice the volume over the surface [m], counted in cells."""
+    faces = [np.count_nonzero(np.diff(inside, axis=axis)) / spacing[axis] for axis in range(3)]
+    return 2.0 * np.count_nonzero(inside) / max(sum(faces), 1.0)
 
 
 def _checked(values: Any, spacing: np.ndarray) -> np.ndarray:

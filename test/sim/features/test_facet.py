@@ -3,9 +3,10 @@
 
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
 
-from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
 from cloth_sim_ros.sim.features.collider_contact.facet import Facet, make_deepest, point_of
 
@@ -20,6 +21,26 @@ NAMES = tuple(sorted(SHAPES))
 STEPS = 60
 deepest = make_deepest(NAMES)
 distance = make_signed_distance(NAMES)
+
+MESH = number_of("mesh")
+of_mesh, to_mesh = make_deepest(("mesh",)), make_signed_distance(("mesh",))
+STEP = 1.2e-3  # [m], twice the thickness of cotton
+
+
+@wp.kernel
+def look_at_mesh(
+    facets: wp.array(dtype=Facet), size: wp.vec3, data: wp.uint64, steps: int, found: wp.array2d(dtype=float),
+):  # fmt: skip
+    """Of each facet: the distance told, and the least of points spread over it [m]."""
+    k = wp.tid()
+    facet = facets[k]
+    found[k, 0] = of_mesh(MESH, size, data, facet, wp.static(STEP), wp.vec3(0.0)).value
+    least = float(1.0e30)
+    for i in range(steps + 1):
+        for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
+            u, v = float(i) / float(steps), float(j) / float(steps)
+            least = wp.min(least, to_mesh(MESH, point_of(facet, wp.vec3(1.0 - u - v, u, v)), size, data)[3])
+    found[k, 1] = least
 
 
 @wp.kernel
@@ -98,3 +119,34 @@ def test_a_plane_parts_a_facet_from_a_collider(device, name):
     assert len(told) > 500
     assert above.max() < 1e-6
     assert np.quantile(told - on_facet, 0.99) < 1e-4 and (told - on_facet).max() < 2e-3
+
+
+@pytest.mark.parametrize("name", ["box", "torus"])
+def test_the_deepest_point_in_a_scanned_surface_is_found(device, name):
+    """Facets of 25 mm over sharp edges and in hollows, whose surface has 0.2 mm of noise."""
+    random = np.random.default_rng(7)
+    surface = trimesh.creation.torus(0.09, 0.03, 64, 32)
+    if name == "box":
+        surface = trimesh.creation.box(extents=(0.2, 0.1, 0.06))
+        for _ in range(4):
+            surface = surface.subdivide()
+    scanned = Mesh(
+        vertices=surface.vertices + random.normal(0.0, 2e-4, surface.vertices.shape), triangles=surface.faces
+    )
+    places, faces = trimesh.sample.sample_surface(surface, 4000, seed=7)
+    out = surface.face_normals[faces]
+    across = np.cross(out, random.normal(size=out.shape))
+    across *= 0.025 / np.linalg.norm(across, axis=1, keepdims=True)
+    corners = np.stack([places, places + across, places + np.cross(out, across)], axis=1)
+    corners += random.uniform(-0.004, 0.004, (4000, 1, 1)) * out[:, None]
+    segments = np.arange(4000) % 4 == 0
+    corners[segments, 2] = corners[segments, 1]
+    facets, found = facets_of(corners, segments, device), wp.zeros((4000, 2), dtype=float, device=device)
+    on_device = scanned.data(wp.get_device(device))  # while this lives, the address holds
+    inputs = [facets, wp.vec3(*scanned.size()), on_device.id, STEPS, found]
+    wp.launch(look_at_mesh, dim=4000, inputs=inputs, device=device)
+    told, sampled = found.numpy().T
+    touching, missed = np.abs(sampled) < STEP, told - sampled
+    assert touching.sum() > 500
+    assert np.quantile(missed[touching], 0.95) < 0.2 * STEP
+    assert missed.max() < STEP  # where two places are as deep, the search follows one

@@ -7,13 +7,15 @@ one side. The same search works along a row and across rows.
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_is_beyond, make_is_hollow, make_signed_distance
+from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, make_width
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
 _NEAR = 1.0e-5  # tolerance [m]: the search ends if no point of the line can be deeper by more
-_SPREAD = 8  # largest number of steps along each side of a facet, for samples in non-convex shapes
-STEP = wp.constant(2.0)  # distance of these samples as a multiple of the thickness
+# Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
+_FEWEST, _MOST = 3, 8
+_AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
+STEP = wp.constant(2.0)  # length to which the deepest point is resolved there, as a multiple of the thickness
 # Displacement in a substep, as a fraction of the thickness, beyond which a facet is searched on its whole way.
 FAST = wp.constant(0.5)
 _FAR = wp.constant(1.0e30)  # distance [m]
@@ -56,6 +58,14 @@ class Deepest:
     weights: wp.vec3
     value: float
     plane: wp.vec4
+
+
+@wp.struct
+class Touch:
+    """The deepest point of a facet with a share `left` of its displacement still to go."""
+
+    deepest: Deepest
+    left: float
 
 
 @wp.func
@@ -114,12 +124,12 @@ def make_least(shapes: tuple[str, ...]):
 
     The bound is the tangent plane at the middle of the facet. It is -1e30 for non-convex shapes.
     """
-    signed_distance, is_hollow = make_signed_distance(shapes), make_is_hollow(shapes)
+    signed_distance, width = make_signed_distance(shapes), make_width(shapes)
 
     @wp.func
     def least(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> float:
-        if wp.static(is_hollow is not None):
-            if is_hollow(shape, data):
+        if wp.static(width is not None):
+            if width(shape, data) > 0.0:
                 return -_FAR
         middle = middle_of(facet)
         plane = tangent(middle, signed_distance(shape, middle, size, data))
@@ -213,45 +223,62 @@ def slope_of(found: Line, u: float, facet: Facet) -> float:
 def make_deepest(shapes: tuple[str, ...]):
     """Return a Warp function: the Deepest point of a facet in a collider of `shapes`.
 
-    For non-convex shapes it also samples points on the facet in steps of `step` [m]. known: weights of a candidate
-    point, which then replaces the samples; or 0.
+    In a non-convex shape a few samples are compared, and then the part of the facet around the deepest is searched.
+    known: weights of a point that is taken instead; or 0. A facet that no sample shows within `step` [m] of the shape
+    has a lower bound of its distance, and weights 0.
     """
-    is_hollow = make_is_hollow(shapes)
-    return _make_search(shapes) if is_hollow is None else _or_spread(_make_search(shapes), shapes, is_hollow)
+    width = make_width(shapes)
+    return _make_search(shapes) if width is None else _or_spread(_make_search(shapes), shapes, width)
 
 
-def _or_spread(search, shapes: tuple[str, ...], is_hollow):
+def _or_spread(search, shapes: tuple[str, ...], width):
     signed_distance = make_signed_distance(shapes)
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
-        best = search(shape, size, data, facet, step, known)
-        if is_hollow(shape, data):
-            side = wp.max(
-                wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c))
-            )
-            steps = int(wp.clamp(wp.ceil(side / step), 2.0, wp.static(float(_SPREAD))))
-            is_known = wp.max(known) > 0.0
-            count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
-            k = int(0)
-            while k < count:
-                i, j = k / (steps + 1), k % (steps + 1)
-                k += 1
-                if i + j > steps or (facet.is_segment and j > 0):
+    def spread(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        side = wp.max(wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c)))
+        steps = int(wp.clamp(wp.ceil(side / width(shape, data)), wp.static(float(_FEWEST)), wp.static(float(_MOST))))
+        share, apart = 1.0 / float(steps), side / float(steps)
+        best = Deepest()
+        best.value = step + apart  # farther samples need not be told apart
+        is_known = wp.max(known) > 0.0
+        count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
+        k = int(0)
+        while k < count:
+            u, v = share * float(k / (steps + 1)), share * float(k % (steps + 1))
+            k += 1
+            weights = wp.where(is_known, known, wp.vec3(1.0 - u - v, u, v))
+            if wp.min(weights) < -1.0e-6 or (facet.is_segment and weights[2] > 0.0):
+                continue
+            p = point_of(facet, weights)
+            if wp.static(is_beyond is not None):
+                if is_beyond(shape, p, best.value, data):
                     continue
-                u, v = float(i) / float(steps), float(j) / float(steps)
-                weights = wp.where(is_known, known, wp.vec3(1.0 - u - v, u, v))
-                p = point_of(facet, weights)
-                if wp.static(is_beyond is not None):
-                    if is_beyond(shape, p, best.value, data):
-                        continue
-                ctx = signed_distance(shape, p, size, data)
-                if ctx[3] < best.value:
-                    best.weights = weights
-                    best.value = ctx[3]
-                    best.plane = tangent(p, ctx)
+            surface = signed_distance(shape, p, size, data)
+            if surface[3] < best.value:
+                best.weights = weights
+                best.value = surface[3]
+                best.plane = tangent(p, surface)
+        if is_known or wp.max(best.weights) == 0.0:
+            return best
+        # The part around that sample is searched as if the shape were convex there.
+        middle, part = best.weights, facet
+        around = wp.min(wp.static(_AROUND) * share, 1.0)
+        part.a = around * facet.a + (1.0 - around) * point_of(facet, middle)
+        part.b = around * facet.b + (1.0 - around) * point_of(facet, middle)
+        part.c = around * facet.c + (1.0 - around) * point_of(facet, middle)
+        local = search(shape, size, data, part, step, known)
+        if local.value < best.value:
+            best = local
+            best.weights = around * local.weights + (1.0 - around) * middle
         return best
+
+    @wp.func
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        if width(shape, data) > 0.0:
+            return spread(shape, size, data, facet, step, known)
+        return search(shape, size, data, facet, step, known)
 
     return deepest
 
@@ -321,27 +348,31 @@ def make_touched(shapes: tuple[str, ...]):
     """Return a Warp function: the point of a facet that a collider of `shapes` touched first in the substep.
 
     If it touched none, or moved by less than FAST times the thickness, this is the deepest point at the end. known: see
-    make_deepest.
+    make_deepest. off: a lower bound of its distance from the collider at the start of the substep [m].
 
     The search is by conservative advancement: no point comes nearer than by its own displacement.
     """
     deepest = make_deepest(shapes)
 
     @wp.func
-    def touched(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
+    def touched(
+        shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3, off: float
+    ) -> Touch:
         way = longest_way(facet)
-        left = wp.where(way > FAST * thickness, 1.0, 0.0)
-        found = Deepest()
+        touch = Touch()
+        if way > FAST * thickness:
+            touch.left = wp.max(1.0 - wp.max(off - thickness, 0.0) / way, 0.0)
         gap = float(1.0)
         count = int(0)
         # The last turn is at the end of its way; one loop lets the compiler emit the search once.
         while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
-            found = deepest(shape, size, data, back(facet, left), STEP * thickness, known)
+            touch.deepest = deepest(shape, size, data, back(facet, touch.left), STEP * thickness, known)
             gap = 0.0
-            if left > 0.0:
-                gap = found.value - thickness
-                left = wp.max(left - wp.max(gap, 0.0) / way, 0.0)
+            if touch.left > 0.0:
+                gap = touch.deepest.value - thickness
+                if gap > 1.0e-3 * thickness:
+                    touch.left = wp.max(touch.left - gap / way, 0.0)
             count += 1
-        return found
+        return touch
 
     return touched

@@ -12,7 +12,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.colliders import make_is_hollow
+from cloth_sim_ros.sim.colliders import make_width
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
 from cloth_sim_ros.sim.features.collider_contact.facet import ADVANCES, STEP, back, longest_way, make_deepest
@@ -56,7 +56,7 @@ def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> fl
 
 def _make_given_up(shapes: tuple[str, ...]):
     """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
-    deepest, is_hollow = make_deepest(shapes), make_is_hollow(shapes)
+    deepest, width = make_deepest(shapes), make_width(shapes)
 
     @wp.func
     def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
@@ -66,15 +66,15 @@ def _make_given_up(shapes: tuple[str, ...]):
         """
         none = wp.vec3(0.0)
         hollow = bool(False)
-        if wp.static(is_hollow is not None):
-            hollow = is_hollow(collider.shape, collider.data)
+        if wp.static(width is not None):
+            hollow = width(collider.shape, collider.data) > 0.0
         facet, thickness = facet_of(corners, ctx, sweep), ctx.material.thickness
         way, look = longest_way(facet), ctx.state.contact.looks[entry]
         # Lower bound of its distance when the substep began.
         off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
-        if collider.compliance > 0.0 or way <= off - _least(off, thickness):
-            return none
         pressed = ctx.state.contact.presses[entry].when == ctx.substep
+        if collider.compliance > 0.0 or (off > 0.0 and not pressed) or way <= off - _least(off, thickness):
+            return none
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)
         apart = float(0.0)

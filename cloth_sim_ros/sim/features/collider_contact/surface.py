@@ -149,8 +149,10 @@ def make_touched_in(features: Features):
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and slow:
             known = look.weights
-        found = touched(collider.shape, collider.size, collider.data, facet, thickness, known)
-        if slow:  # otherwise the point is where the facet touched the collider first
+        off = wp.where(look.known == 1, look.value - moved - way, 0.0)
+        touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
+        found = touch.deepest
+        if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
             if wp.max(known) == 0.0:
                 ctx.state.contact.looks[entry] = looked(facet, found)
             else:
