@@ -524,12 +524,19 @@ OBJECT = (
 )
 
 SHEET = (
-    Parameter("mesh", "string", "", "File of a triangle mesh in place of the grid, read by trimesh.", anew=True),
+    Parameter(
+        "mesh",
+        "string",
+        "",
+        "File of a triangle mesh in place of the grid, read by trimesh; FILE#PART is one part of it.",
+        anew=True,
+    ),
     replace(UNIT, text="Length of a unit in the file of the mesh.", anew=True),
     Parameter(
         "shear", "bool", True, "Whether a grid has diagonal springs, and a mesh moduli; else its edges carry shear."
     ),
     vector("warp", (1, 0, 0), "Direction of the warp of a mesh, in the local axes; of a grid it is x.", "", -1, 1),
+    Parameter("uv", "bool", False, "Whether `warp` is along u and v of the texture of the mesh, [0, 1, 0] along v."),
 )
 
 

@@ -12,6 +12,7 @@ import os
 import resource
 import subprocess
 import sys
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from urllib.parse import unquote
@@ -20,7 +21,7 @@ import numpy as np
 
 from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.shared_files import PACKAGE, shared
-from cloth_sim_ros.sim.input.mesh_reading import LINK, MOST_BYTES, URDF, Mesh, Read, read
+from cloth_sim_ros.sim.input.mesh_reading import MOST_BYTES, PART, Mesh, Read, read
 from cloth_sim_ros.sim.input.regular_file import check_regular
 
 APART_BYTES = 4 << 20  # file size [bytes] above which a separate process reads the file
@@ -35,16 +36,44 @@ def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
     """Return vertices (N, 3) in units of `scale` [m] and triangles (T, 3) of a mesh file.
 
     The file is read again only when it has changed. Triangles without area are dropped, which the log reports. Vertices
-    on open edges are welded, see mesh_repair. path: as `local_path` takes it. FILE.urdf#LINK is the collision geometry
+    on open edges are welded, see mesh_repair. path: as `local_path` takes it. FILE#PART is a part of a file: an object
+    or group of an .obj, a node of a scene, or a number where none has a name. FILE.urdf#LINK is the collision geometry
     of a robot's link, in the axes of the link. Raises ValueError, in one sentence about `parameter`.
     """
+    return _found(path, parameter, scale)[:2]
+
+
+def load_warp(path: str, parameter: str, scale: float, along: Sequence[float]) -> np.ndarray:
+    """Return directions (T, 3) in which the texture of a mesh file grows along `along`, its u and v, for each triangle.
+
+    Triangles without an area in the texture have that of the nearest one. Raises ValueError likewise, also without a
+    texture.
+    """
+    ways = _found(path, parameter, scale)[3]
+    warp = np.tensordot(ways, np.asarray(along[:2], dtype=float), axes=(1, 0))
+    sound = np.linalg.norm(warp, axis=1) > 0.0
+    if not sound.any():
+        raise ValueError(
+            f"{parameter} is {shown(path)}, which has no texture with an area; allowed are files with u and v"
+        )
+    if not sound.all():
+        points, triangles = _found(path, parameter, scale)[:2]
+        middles = points[triangles].mean(axis=1)
+        for k in np.flatnonzero(~sound):
+            warp[k] = warp[sound][np.linalg.norm(middles[sound] - middles[k], axis=1).argmin()]
+    return warp
+
+
+def _found(path: str, parameter: str, scale: float) -> Read:
+    """What mesh_reading.read finds, told once. Raises ValueError."""
     try:
-        name, _, link = path.partition(LINK) if LINK in path else (path, "", "")
-        name += URDF if link else ""
-        file = local_path(name, parameter)
+        file, part = local_path(path, parameter), ""
+        if PART in path and not file.exists():
+            name, _, part = path.rpartition(PART)
+            file = local_path(name, parameter)
         status = file.stat()
         check_regular(status)
-        found = _load(str(file), link, scale, status.st_size, status.st_mtime_ns)
+        found = _load(str(file), part, scale, status.st_size, status.st_mtime_ns)
     except (FileNotFoundError, NotADirectoryError):
         raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
     except _Unresolved:
@@ -53,10 +82,9 @@ def load_mesh(path: str, parameter: str, scale: float = 1.0) -> Mesh:
         found = f"cannot be read: {getattr(error, 'strerror', '') or error}"
     if isinstance(found, str):
         raise ValueError(f"{parameter} is {shown(path)}, which {found}")
-    vertices, triangles, told = found
-    if told:
-        _tell(f"{parameter} is {shown(path)}, which {told}")
-    return vertices, triangles
+    if found[2]:
+        _tell(f"{parameter} is {shown(path)}, which {found[2]}")
+    return found
 
 
 @lru_cache(maxsize=1024)
@@ -95,13 +123,13 @@ def local_path(path: str, parameter: str) -> Path:
 
 
 @lru_cache(maxsize=32)
-def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Read | str:
+def _load(path: str, part: str, scale: float, size: int, modified_ns: int) -> Read | str:
     """Return the result of mesh_reading.read, or why there is none."""
     if size > MOST_BYTES:
         return f"has {size / 1e6:.0f} MB; allowed are at most {MOST_BYTES / 1e6:.0f} MB"
     if size <= APART_BYTES and not path.lower().endswith(APART):
-        return read(path, link, scale, load_mesh)
-    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, link, str(scale)]
+        return read(path, part, scale, load_mesh)
+    command = [sys.executable, "-m", "cloth_sim_ros.sim.mesh_file", path, part, str(scale)]
     env = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # each thread would use up part of the memory limit
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env) as reader:
         _readers.add(reader)
@@ -110,7 +138,7 @@ def _load(path: str, link: str, scale: float, size: int, modified_ns: int) -> Re
     if reader.returncode:
         return output.decode().strip() or "cannot be read as a triangle mesh: its reader failed"
     with np.load(io.BytesIO(output)) as arrays:
-        return arrays["vertices"], arrays["triangles"], str(arrays["told"])
+        return arrays["vertices"], arrays["triangles"], str(arrays["told"]), arrays["ways"]
 
 
 def stop_reading() -> None:
@@ -121,9 +149,9 @@ def stop_reading() -> None:
 
 if __name__ == "__main__":
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-    path, link, scale = sys.argv[1:]
-    mesh_or_words = read(path, link, float(scale), load_mesh)
+    path, part, scale = sys.argv[1:]
+    mesh_or_words = read(path, part, float(scale), load_mesh)
     if isinstance(mesh_or_words, str):
         print(mesh_or_words)
         sys.exit(1)
-    np.savez(sys.stdout.buffer, **dict(zip(("vertices", "triangles", "told"), mesh_or_words, strict=True)))
+    np.savez(sys.stdout.buffer, **dict(zip(("vertices", "triangles", "told", "ways"), mesh_or_words, strict=True)))

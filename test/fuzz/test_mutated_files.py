@@ -119,7 +119,7 @@ def test_meshes_and_robots(seeds, tmp_path):
         if isinstance(found, str):
             assert sentence(ValueError(found)), f"seed {seed}: {found!r}"
         else:
-            points, triangles, _ = found
+            points, triangles, *_ = found
             took += 1
             assert (
                 np.isfinite(points).all() and len(triangles) and 0 <= triangles.min() <= triangles.max() < len(points)

@@ -18,7 +18,7 @@ from cloth_sim_ros.ros.outputs.output import LATCHED, Output, Stamp
 from cloth_sim_ros.ros.world import World
 from cloth_sim_ros.sim import Handle
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid
-from cloth_sim_ros.sim.input.mesh_reading import LINK
+from cloth_sim_ros.sim.input.mesh_reading import PART
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
 _STEEL = ColorRGBA(r=0.6, g=0.62, b=0.68, a=1.0)
@@ -43,7 +43,7 @@ def _of_solid(name: str, number: int, solid: Solid, pose: Pose) -> Marker:
     """One solid; a mesh file is named, as viewers read it themselves."""
     middle = rotate(pose.orientation, [solid.middle])[0]
     pose = Pose(tuple(p + q for p, q in zip(pose.position, middle, strict=True)), pose.orientation)
-    if solid.file and LINK not in solid.file:
+    if solid.file and PART not in solid.file:
         marker = _marker(name, Marker.MESH_RESOURCE, pose, (solid.unit,) * 3, number)
         marker.mesh_resource = solid.file
         if "://" not in solid.file:

@@ -158,7 +158,7 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
             del own["start"], own["end"]
             own["points"] = along_path(path, own.pop("segments"), f"{name}.path")
         return Rope(**own, winch=Winch(**winch) if winch.pop("enabled") else None)
-    path, shear, scale = own.pop("mesh"), own.pop("shear"), own.pop("scale")
+    path, shear, scale, uv = (own.pop(field) for field in ("mesh", "shear", "scale", "uv"))
     if not shear:
         own["shear_compliance"] = None
     for like_warp in ("weft_compliance", "weft_bend_compliance", "diagonal_bend_compliance"):
@@ -168,7 +168,7 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
         return Cloth(**own)
     for absent in ("resolution", "size"):
         del own[absent]
-    return Cloth.from_mesh(*load_mesh(path, f"{name}.mesh", scale), scale=scale, **own)
+    return Cloth.from_file(path, scale=scale, uv=uv, named=f"{name}.mesh", **own)
 
 
 def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:

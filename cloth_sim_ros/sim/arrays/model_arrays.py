@@ -133,6 +133,7 @@ class ModelArrays:
         slots_of, first, end = self.spring_slots[-1]["structural"], self.lines[-1][0][1], self.lines[-1][-1][2]
         slots = slots_of - first
         across, shares, bases = (np.zeros((end - first, size)) for size in (2, 4, 2))
+        bases[:, 0] = self.joined("line_rests")[first:]  # of springs that bend, which nothing is coupled to
         across[slots] = np.where(coupling.across < 0, springs.particles[:, :1], coupling.across)
         back = self.joined("line_nodes")[slots_of] != springs.particles[:, 0]  # lines run from its end to its start
         shares[slots] = np.where(back[:, None], coupling.shares[:, [1, 0, 3, 2]], coupling.shares)

@@ -23,13 +23,14 @@ class Unfit(ValueError):
 class Repaired:
     """A mesh without triangles that have no area, and without vertices that no triangle uses.
 
-    points (N, 3), triangles (T, 3). place: of each vertex that there was, its number now, or -1. told: what was done,
-    in words that follow a name; "" where nothing was.
+    points (N, 3), triangles (T, 3). place: of each vertex that there was, its number now, or -1. of (T,): numbers that
+    the triangles had. told: what was done, in words that follow a name; "" where nothing was.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     place: np.ndarray
+    of: np.ndarray
     told: str
 
 
@@ -53,8 +54,9 @@ def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Re
             told.append(
                 f"has {crowded} edges at which vertices in one place stay apart, as too many triangles meet there"
             )
-    kept = _distinct(label[triangles])
-    kept = kept[_carries(points, kept, SHORTEST * size)]
+    of = np.flatnonzero(_is_distinct(label[triangles]))
+    of = of[_carries(points, label[triangles[of]], SHORTEST * size)]
+    kept = label[triangles[of]]
     if not len(kept):
         raise Unfit("has no triangle with an area")
     if len(kept) < len(triangles):
@@ -66,12 +68,13 @@ def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Re
     if not used.all() and not welds:
         told.append(f"has {np.count_nonzero(~used)} vertices that no triangle needs, which are left out")
     number = np.where(used, np.cumsum(used) - 1, -1)
-    return Repaired(points[used], number[kept].astype(np.int32), number[label], "; it ".join(told))
+    return Repaired(points[used], number[kept].astype(np.int32), number[label], of, "; it ".join(told))
 
 
-def count_parts(count: int, triangles: np.ndarray) -> int:
-    """Number of parts without a common vertex, of a mesh of `count` vertices and `triangles` (T, 3)."""
-    return len(np.unique(_joined(count, triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())[triangles]))
+def parts_of(count: int, triangles: np.ndarray) -> np.ndarray:
+    """Number (T,) from 0 of the part of each of `triangles` (T, 3) over `count` vertices: parts share no vertex."""
+    label = _joined(count, triangles.ravel(), np.roll(triangles, 1, axis=1).ravel())
+    return np.unique(label[triangles[:, 0]], return_inverse=True)[1].ravel()
 
 
 def count_t_junctions(points: np.ndarray, triangles: np.ndarray) -> int:
@@ -104,10 +107,15 @@ def _joined(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
             return label
 
 
+def _is_distinct(triangles: np.ndarray) -> np.ndarray:
+    """True for triangles of three distinct vertices."""
+    a, b, c = triangles.T
+    return (a != b) & (b != c) & (c != a)
+
+
 def _distinct(triangles: np.ndarray) -> np.ndarray:
     """The triangles of three distinct vertices."""
-    a, b, c = triangles.T
-    return triangles[(a != b) & (b != c) & (c != a)]
+    return triangles[_is_distinct(triangles)]
 
 
 def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: float) -> tuple[np.ndarray, int]:

@@ -16,6 +16,7 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.input.checks import check_fields, finite_array
 from cloth_sim_ros.sim.input.mesh_repair import Unfit, repair
+from cloth_sim_ros.sim.mesh_file import load_mesh, load_warp
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
 from cloth_sim_ros.sim.scene.materials import Fabric, rope_fields, sheet_fields, triangles_area
 
@@ -190,10 +191,32 @@ class Cloth:
             _LOG.warning("Cloth.from_mesh %s", mesh.told)
         if len(mesh.points) < len(points):
             fields = _renumbered(fields, mesh.place, len(mesh.points))
+        if np.shape(fields.get("warp")) == corners.shape:
+            fields = {**fields, "warp": np.asarray(fields["warp"])[mesh.of]}
         points, faces = mesh.points, mesh.triangles
         if material:
             fields = sheet_fields(material, triangles_area(points, faces), fields, mesh=True)
         return cls(**{"pins": None, "shear_compliance": None, **fields, "vertices": points, "triangles": faces})
+
+    @classmethod
+    def from_file(
+        cls,
+        file: str,
+        material: str | Fabric = "",
+        scale: float = 1.0,
+        uv: bool = False,
+        named: str = "",
+        **fields: Any,
+    ) -> Cloth:
+        """Make a cloth from a mesh file, or FILE#PART of it, as `from_mesh` does; see `mesh_file.load_mesh`.
+
+        uv: True if `warp` is along u and v of the file's texture, such as (0, 1, 0) along v. named: what messages call
+        the file. Raises ValueError likewise.
+        """
+        named, file = named or f"{cls.__name__}.from_file", str(file)
+        if uv:
+            fields["warp"] = load_warp(file, named, scale, fields.get("warp", cls.warp))
+        return cls.from_mesh(*load_mesh(file, named, scale), material, scale, **fields)
 
 
 @dataclass(frozen=True)

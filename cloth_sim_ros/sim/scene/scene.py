@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.input.checks import check_fields
-from cloth_sim_ros.sim.input.mesh_repair import count_parts, count_t_junctions
+from cloth_sim_ros.sim.input.mesh_repair import count_t_junctions, parts_of
 from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
@@ -135,7 +135,7 @@ def loose_meshes(scene: Scene) -> Iterator[str]:
     for name, thing in scene.objects.items():
         if not isinstance(thing, Cloth) or thing.vertices is None:
             continue
-        parts = count_parts(len(thing.vertices), thing.triangles)
+        parts = 1 + parts_of(len(thing.vertices), thing.triangles).max()
         if parts > 1 and name not in scene.sewn:
             yield f"{name} has {parts} parts that no triangle joins, which move apart; a seam sews them together"
         open_edges = count_t_junctions(thing.vertices, thing.triangles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`fabric`: drape, stretch and bending of presets by the tests of a laboratory, beside what they should be."""
+"""`fabric`: drape, stretch, shear and bending of presets by the tests of a laboratory, beside what they should be."""
 
 from __future__ import annotations
 
@@ -15,12 +15,21 @@ from matplotlib.figure import Figure
 from cloth_sim_ros.sim import Fabric, Settings
 from cloth_sim_ros.sim.scene.materials import FABRICS
 from cloth_sim_ros.status_line import show
-from cloth_sim_ros.study.fabric.laboratory import RADIUS, SUPPORT, Drape, drape, modulus, overhung, pulled
+from cloth_sim_ros.study.fabric.laboratory import (
+    RADIUS,
+    SUPPORT,
+    Drape,
+    drape,
+    modulus,
+    overhung,
+    pulled,
+    sheared,
+)
 from cloth_sim_ros.study.fabric.meshes import KINDS, circle
 from cloth_sim_ros.study.figures import save_png
 
 ANGLES = (0.0, 45.0, 90.0)
-TESTS = ("drape", "tension", "bending")
+TESTS = ("drape", "tension", "shear", "bending")
 # Cusick's drape coefficients [%] and where they are from.
 BANDS = {
     "silk": (20, 40, "light woven silk: Matsudaira and Yang 2003, Hu et al. 2020"),
@@ -75,6 +84,12 @@ def run(arguments: argparse.Namespace) -> int:
                          modulus(fabric, angle))
                     for angle in ANGLES
                 ]  # fmt: skip
+        if "shear" in arguments.test:
+            for kind in _STRIP_KINDS:
+                show(f"shear of {name}, {kind}")
+                rows.append(
+                    _row(name, "G [N/m]", kind, 0.0, sheared(fabric, kind, arguments.spacing, settings), fabric.shear)
+                )
         if "bending" in arguments.test:
             wanted = (fabric.bend_warp, fabric.bend_diagonal, fabric.bend_weft)
             for kind in _STRIP_KINDS:

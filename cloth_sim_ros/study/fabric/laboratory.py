@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drape (ISO 9073-9), strips that are pulled, and strips that hang over an edge (ASTM D1388), by the product."""
+"""Drape (ISO 9073-9), strips that are pulled or hang over an edge (ASTM D1388), and shear in a picture frame, by the
+product."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from cloth_sim_ros.sim import Cloth, Fabric, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Fabric, Handle, Scene, Settings, Simulation
 from cloth_sim_ros.study.closed_forms.bending import heavy_elastica
 from cloth_sim_ros.study.fabric.meshes import areas, disc, strip
 
@@ -20,6 +21,7 @@ DRAG, DRAG_OF_STRIPS = 2.0, 8.0  # [1/s] of a sample, in place of the air
 _FRAMES = 90  # in which a strip comes to rest
 _STRAIN, _WIDTH, _LENGTH = 2e-3, 0.04, 0.2  # of a pulled strip; [m]
 _RIBBON = 0.025  # width of a cantilever [m]
+_FRAME, _ANGLE = 0.2, 0.01  # side of a picture frame [m], and by how much it leans [rad]
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,33 @@ def overhung(fabric: Fabric, kind: str, degrees: float, spans: int, settings: Se
     tip, edge = np.abs(flat[:, 0] - flat[:, 0].max()) < 1e-9, flat[pins, 0].max()
     theta = math.atan2(-x[tip, 2].mean(), x[tip, 0].mean() - edge)
     return weight * length**3 / brentq(lambda load: math.tan(theta) - _slope(load), 0.5, 50.0, xtol=1e-6)
+
+
+def sheared(fabric: Fabric, kind: str, spacing: float, settings: Settings) -> float:
+    """Shear modulus [N/m] of a square whose sides are hands, along warp and weft, which lean about the lower corners.
+
+    What the hands work per angle and area is the shear stress. The lower side stays.
+    """
+    flat, triangles = strip(kind, _FRAME, _FRAME, spacing)
+    cloth = Cloth.from_mesh(np.column_stack([flat, np.zeros(len(flat))]), triangles, fabric, pins=None, bending="none")
+    thin, long = 0.1 * spacing, 2.0 * _FRAME + spacing
+    hinges = {"below": (0.0, 0.0), "above": (0.0, _FRAME), "left": (0.0, 0.0), "right": (_FRAME, 0.0)}
+    upright = {"left": (thin, long, thin), "right": (thin, long, thin)}
+    hands = {
+        name: Handle((*place, 0.0), reach=upright.get(name, (long, thin, thin)), attached=True)
+        for name, place in hinges.items()
+    }
+    scene = Scene({"square": cloth}, handles=hands, gravity=(0.0, 0.0, 0.0))
+    sim = Simulation(scene, replace(settings, global_damping=DRAG_OF_STRIPS), device="cpu")
+    half = 0.5 * _ANGLE
+    for name in ("left", "right"):
+        sim.set_handle_pose(name, (*hinges[name], 0.0), (0.0, 0.0, -math.sin(half), math.cos(half)))
+    sim.set_handle_pose("above", (_FRAME * math.sin(_ANGLE), _FRAME * math.cos(_ANGLE), 0.0))
+    for _ in range(_FRAMES):
+        sim.step()
+    push, torques = sim.handle_wrench("above")[0], [sim.handle_wrench(name)[1][2] for name in ("left", "right")]
+    moment = _FRAME * (push[0] * math.cos(_ANGLE) - push[1] * math.sin(_ANGLE)) - sum(torques)
+    return -moment / (_FRAME**2 * _ANGLE)
 
 
 def _slope(load: float) -> float:

@@ -135,6 +135,19 @@ def test_a_mesh_file_becomes_a_cloth(tmp_path):
     assert plain.shear_compliance is None
 
 
+def test_a_part_of_a_file_becomes_a_cloth_with_the_warp_of_its_texture(tmp_path):
+    square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+    text = f"{square}vt 0 0\nvt 0 1\nvt -1 1\nvt -1 0\ng left\nf 1/1 2/2 3/3\ng right\nf 1/1 3/3 4/4\n"
+    (tmp_path / "it.obj").write_text(text)
+    file = f"{tmp_path / 'it.obj'}#right"
+    given = values(sheet__mesh=file, sheet__pins="none", sheet__material="silk", sheet__uv=True)
+    sheet = make_plan({**given, **material_values(given, {"sheet.mesh"})}).scene.objects["sheet"]
+    assert sheet.warp == pytest.approx(np.array([[0.0, -1.0, 0.0]]))
+    assert sheet.mass == pytest.approx(0.5 * FABRICS["silk"].areal_mass)
+    wrong = make_plan(values(sheet__mesh=file.replace("right", "back"), sheet__pins="none"))
+    assert wrong.problems["sheet"].endswith("which has no part 'back'; allowed are 'left, right'")
+
+
 @pytest.mark.parametrize("content", ["", "solid nothing\nendsolid nothing\n", "\x00\x01garbage"])
 def test_what_is_no_mesh_is_said_in_one_sentence(tmp_path, content):
     pytest.importorskip("trimesh")
@@ -180,7 +193,8 @@ def test_what_is_no_rope_is_named():
 
 def test_the_rows_are_the_fields_of_the_scene():
     """Every row of the table under an object or collider ends up in the scene, or this test names it."""
-    ours = {"type", "material", "mesh", "scale", "path", "shear", "bending", "twist", "shape", "dimensions"}
+    ours = {"type", "material", "mesh", "scale", "uv", "path", "shear", "bending", "twist", "shape"}
+    ours |= {"dimensions"}
     for kind, description in (("cloth", Cloth), ("rope", Rope)):
         fields = {field.name for field in dataclasses.fields(description)}
         assert {row.name.partition(".")[0] for row in names.object_rows(kind)} - ours <= fields

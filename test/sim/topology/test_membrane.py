@@ -114,12 +114,13 @@ def test_a_strip_is_as_stiff_as_its_direction(kind, degrees, device):
     assert strain * width / pull == pytest.approx(compliance(angle), rel=0.03)
 
 
-def test_a_mesh_that_falls_turning_stays_as_it_is(device):
+@pytest.mark.parametrize("bending", ["none", "springs", "dihedral"])
+def test_a_mesh_that_falls_turning_stays_as_it_is(bending, device):
     """Nothing acts inside a sheet at rest, whichever way it lies."""
     points, triangles = sheet("delaunay", 0.1, 0.1, 0.02)
-    cloth = Cloth.from_mesh(
-        np.column_stack([points, np.zeros(len(points))]), triangles, orientation=(0.5, 0.5, 0.1, 0.7), **MODULI
-    )
+    flat = np.column_stack([points, np.zeros(len(points))])
+    bends = {"bending": bending, "bend_compliance": 1e4}
+    cloth = Cloth.from_mesh(flat, triangles, orientation=(0.5, 0.5, 0.1, 0.7), **bends, **MODULI)
     sim = Simulation(Scene({"it": cloth}, gravity=(0, 0, 0)), Settings(), device)
     x = sim.rest_positions("it")
     for _ in range(30):
