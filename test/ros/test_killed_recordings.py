@@ -56,7 +56,7 @@ def started():
 
 
 def beyond(bag):
-    """Bytes of a bag on the disk beyond its first chunk, which is of a second or so; below 0 while that is not whole."""
+    """Bytes of a bag on the disk beyond its first chunk, of a second or so; below 0 while that is not whole."""
     files = list(bag.glob("*.mcap"))
     data, end = files[0].read_bytes() if files else b"", len(MAGIC)
     for _ in ("header", "chunk"):

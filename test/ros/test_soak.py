@@ -33,7 +33,11 @@ def test_memory_stays_while_listeners_come_and_go(start, client, capsys):
     node = start(SMALL).wait_for("all kernels are compiled")
     client.until(lambda: client.node.count_publishers("/cloth_sim/journal"))
     given = dict(client.node.get_publisher_names_and_types_by_node("cloth_sim", "/"))
-    topics = {topic: type(made(kinds[0].replace("/msg/", "/"))) for topic, kinds in given.items() if topic.startswith("/cloth_sim/")}
+    topics = {
+        topic: type(made(kinds[0].replace("/msg/", "/")))
+        for topic, kinds in given.items()
+        if topic.startswith("/cloth_sim/")
+    }
     assert len(topics) > 5
     begin, told, figures = time.monotonic(), -1, []
     for turn in itertools.count():
