@@ -67,12 +67,16 @@ def beyond(bag):
 
 
 def same_bits(bag):
-    """The number of clouds of an unfinished bag; fails unless a replay gives all of them to the same bits."""
+    """The number of clouds of an unfinished bag that a replay gives to the same bits; fails where any differ.
+
+    What came last on one topic may lack what another had before it, as the start that a new listener gets: it is told
+    as lost, or as no cloud.
+    """
     read = Bag(bag)
     assert read.cut_short
     sentences = [sentence for *_, sentence in compared(read)]
-    assert set(sentences) <= {SAME}, sentences
-    return len(sentences)
+    assert not any("differ" in sentence for sentence in sentences), sentences
+    return sentences.count(SAME)
 
 
 @pytest.mark.parametrize(
@@ -91,11 +95,10 @@ def test_a_killed_one_is_replayed_up_to_there(kills, seed, start, started, tmp_p
                 break
         assert not running, "they write"
         for bag in bags:
-            if beyond(bag) >= 0:
+            try:
                 replayed += same_bits(bag) > 0
-            else:
-                with pytest.raises(ValueError, match=f"{bag} "):
-                    Bag(bag)
+            except ValueError as why:  # no chunk is whole, or only one from before the journal's start
+                assert str(why).startswith(f"{bag} ") and beyond(bag) < 100_000, why
     assert replayed > kills // 2
 
 
