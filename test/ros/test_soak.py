@@ -31,7 +31,9 @@ def memory(process):
 @pytest.mark.long
 def test_memory_stays_while_listeners_come_and_go(start, client, capsys):
     node = start(SMALL).wait_for("all kernels are compiled")
-    client.until(lambda: client.node.count_publishers("/cloth_sim/journal"))
+    client.until(
+        lambda: "cloth_sim" in client.node.get_node_names() and client.node.count_publishers("/cloth_sim/journal")
+    )
     given = dict(client.node.get_publisher_names_and_types_by_node("cloth_sim", "/"))
     topics = {
         topic: type(made(kinds[0].replace("/msg/", "/")))
