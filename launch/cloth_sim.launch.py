@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """ros2 launch cloth_sim_ros cloth_sim.launch.py [scene:=towel] [params_file:=FILE] [viewer:=true] ..."""
 
+import re
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -68,7 +69,7 @@ def start(context: LaunchContext) -> list:
     if viewer:
         actions.append(_beside("cloth_sim_viewer", given, use_sim_time))
     if rviz:
-        actions += _rviz(config / f"{file.stem}.rviz")
+        actions += _rviz(config / f"{file.stem}.rviz", given, use_sim_time)
     return actions
 
 
@@ -84,9 +85,20 @@ def _beside(executable: str, given: dict[str, str], use_sim_time: bool, *words: 
     )
 
 
-def _rviz(file: Path) -> list:
+def _rviz(file: Path, given: dict[str, str], use_sim_time: bool) -> list:
+    """RViz with a configuration, whose topics of /cloth_sim are those of the node as it is named here."""
     try:
         get_package_share_directory("rviz2")
     except PackageNotFoundError:
         return [LogInfo(msg="rviz2 is not installed, so nothing is shown: sudo apt install ros-jazzy-rviz2")]
-    return [Node(package="rviz2", executable="rviz2", arguments=["-d", str(file)] if file.is_file() else [])]
+    node = "/".join(["", *given["namespace"].split("/"), given["name"]]).replace("//", "/")
+    topics = re.findall(r"Value: /cloth_sim/(\S+)", file.read_text()) if file.is_file() else []
+    return [
+        Node(
+            package="rviz2",
+            executable="rviz2",
+            arguments=["-d", str(file)] if file.is_file() else [],
+            parameters=[{"use_sim_time": use_sim_time}],
+            remappings=[(f"/cloth_sim/{topic}", f"{node}/{topic}") for topic in topics],
+        )
+    ]

@@ -20,8 +20,8 @@ from rclpy.utilities import remove_ros_args
 
 from cloth_sim_ros.options import duration
 from cloth_sim_ros.record.integrity import DIGEST, Digest
-from cloth_sim_ros.ros.__main__ import set_up_large_messages
 from cloth_sim_ros.ros.outputs.journal import ACTS
+from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import Stop
 
 LOOK = 0.2  # [s] between looks for topics that are new
@@ -110,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
     if importlib.util.find_spec("rosbags") is None:
         return _failed(NEEDED)
     stop = Stop()
-    set_up_large_messages()
+    set_up()
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     try:
         return record(options.node, options.bag, options.seconds, stop)

@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import NUMBERS, Stop
 
 SPIN_PERIOD = 0.5  # [s] at most between a signal and its effect: the middleware's wait is not interrupted by it
@@ -21,7 +22,7 @@ SPIN_PERIOD = 0.5  # [s] at most between a signal and its effect: the middleware
 def main(arguments: list[str] | None = None) -> int:
     """Spins the node until a signal comes; returns the exit status. Raises no exception."""
     stop = Stop()
-    set_up_large_messages()
+    set_up()
 
     import rclpy
     from rclpy.logging import get_logger
@@ -96,13 +97,6 @@ def tell_lost_parameters(node: Any, keys: dict[str, list[str]]) -> None:
             log.warning(f"{path} is for {keyed} and none of it reaches this node; key it with {name} or /**")
     if not keys and not node.get_parameter("objects").value:
         log.warning("the scene is empty, as no parameters were given; start with --ros-args --params-file FILE")
-
-
-def set_up_large_messages() -> None:
-    """Has Fast DDS send large messages through shared memory, unless the user has chosen a setting."""
-    if "FASTDDS_BUILTIN_TRANSPORTS" not in os.environ:
-        profile = Path(__file__).with_name("fastdds.xml")
-        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
 
 
 if __name__ == "__main__":

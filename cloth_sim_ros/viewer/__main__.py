@@ -11,7 +11,7 @@ import importlib.util
 import socket
 import sys
 
-from cloth_sim_ros.ros.__main__ import set_up_large_messages
+from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import Stop
 
 SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect
@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     if importlib.util.find_spec("viser") is None:
         print("cloth_sim_viewer: viser is not installed: pip install 'cloth_sim_ros[viewer]'", file=sys.stderr)
         return 1
-    set_up_large_messages()
+    set_up()
 
     import rclpy
     from rclpy.signals import SignalHandlerOptions

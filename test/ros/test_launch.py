@@ -10,6 +10,7 @@ import sys
 import pytest
 from client import fields
 from node_process import ROOT
+from patience import tries
 from sensor_msgs.msg import PointCloud2
 
 from cloth_sim_ros import programs
@@ -90,6 +91,24 @@ def test_a_scene_starts_in_a_namespace_with_its_driver_and_viewer(launched, clie
     assert "Traceback" not in log.read_text()
 
 
+def test_rviz_shows_the_node_as_it_is_named(launched, installed, tmp_path):
+    """A stand-in for rviz2 tells with which words it is started."""
+    (tmp_path / "share" / "ament_index" / "resource_index" / "packages" / "rviz2").touch()
+    (tmp_path / "share" / "rviz2").mkdir()
+    program = tmp_path / "lib" / "rviz2" / "rviz2"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/part\nmv {tmp_path}/part {tmp_path}/words\n')
+    program.chmod(0o755)
+    launched("scene:=towel", "namespace:=/robot", "name:=sheets", "rviz:=true", "use_sim_time:=true")
+    for _ in tries(60.0, pause=0.1):
+        if (tmp_path / "words").is_file():
+            break
+    words = (tmp_path / "words").read_text()
+    assert "towel.rviz" in words and "--params-file" in words, "a file that has use_sim_time"
+    for topic in ("colliders", "towel/mesh", "towel/particles"):
+        assert f"/cloth_sim/{topic}:=/robot/sheets/{topic}" in words
+
+
 def test_what_is_neither_true_nor_false_is_refused(launched):
     process, log = launched("viewer:=maybe")
     assert process.wait(30.0) == 1
@@ -99,4 +118,4 @@ def test_what_is_neither_true_nor_false_is_refused(launched):
 def test_a_missing_scene_is_told_what_there_is(launched):
     process, log = launched("scene:=sock")
     assert process.wait(30.0) == 1
-    assert re.search("there is no .*/sock.yaml; the scenes are curtain, .*towel", log.read_text())
+    assert re.search("there is no .*/sock.yaml; the scenes are .*curtain, .*towel", log.read_text())

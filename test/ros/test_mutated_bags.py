@@ -23,25 +23,37 @@ SCENE = """
 """
 
 
-@pytest.fixture
-def bag(start, tmp_path):
-    """A second of a small scene."""
+MANY, PART = 10_000, 2_500
+
+
+@pytest.fixture(scope="module")
+def bag(ros, tmp_path_factory):
+    """Some frames of a small scene."""
+    from node_process import NodeProcess
     from recorder_process import Recording
 
-    start(SCENE).ready()
-    recording = Recording(tmp_path / "bag")
-    recording.wait_for("Recording into ")
-    time.sleep(1.0)
-    recording.end()
-    return tmp_path / "bag"
+    folder = tmp_path_factory.mktemp("mutated")
+    node = NodeProcess(SCENE, (), folder / "node").ready()
+    try:
+        recording = Recording(folder / "bag")
+        recording.wait_for("Recording into ")
+        time.sleep(0.3)
+        recording.end()
+    finally:
+        node.end()
+    return folder / "bag"
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(2_500, marks=pytest.mark.long)])
-def test_bags(bag, count, tmp_path):
+@pytest.mark.parametrize(
+    "seeds",
+    [range(200), *(pytest.param(range(k, k + PART), marks=pytest.mark.long) for k in range(0, MANY, PART))],
+    ids=str,
+)
+def test_bags(bag, seeds, tmp_path):
     from test_record import copied
 
     bad, took = tmp_path / "bad", 0
-    for seed in range(count):
+    for seed in seeds:
         rng = random.Random(seed)
         shutil.rmtree(bad, ignore_errors=True)
         if seed % 10 == 0:

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.ros.inputs.frames import Refused
 from cloth_sim_ros.ros.inputs.grippers import STRONGEST
 from cloth_sim_ros.ros.inputs.messages import Complaints
@@ -41,6 +42,7 @@ class GripperJoints:
         now: Callable[[World], int],
     ):
         self._loop, self._bridge, self._complaints, self._now = loop, bridge, complaints, now
+        self._met: set[tuple[str, str]] = set()  # topics and grippers whose joint has come, or was told to be missing
         for gripper in bridge.values["grippers"]:
             for field, kind, read in (
                 ("joint_commands", JointState, self._command),
@@ -52,21 +54,25 @@ class GripperJoints:
 
     def _on(self, topic: str, gripper: str, read: Callable, message: Any) -> None:
         joint = Joint.of(self._bridge.values, gripper)
+        names = message.name if isinstance(message, JointState) else message.joint_names
+        if joint.name not in names:  # of other joints, as may well be; or its name is mistyped
+            if (topic, gripper) not in self._met:
+                self._complaints.ignore(topic, f"{gripper} is the joint {shown(joint.name)}, and it has {shown(names)}")
+            self._met.add((topic, gripper))
+            return
+        self._met.add((topic, gripper))
         try:
             command = read(topic, gripper, joint, message)
         except Refused as reason:
             self._complaints.refuse(topic, reason)
             return
-        if command is not None:
-            self._loop.submit(command)
+        self._loop.submit(command)
 
-    def _command(self, topic: str, gripper: str, joint: Joint, message: JointState) -> Callable | None:
+    def _command(self, topic: str, gripper: str, joint: Joint, message: JointState) -> Callable:
         """What a command has the loop do: to an opening, or with a force where there is no position.
 
         NaN is no command, as in ros2_control.
         """
-        if joint.name not in message.name:
-            return None  # of other joints
         number = message.name.index(joint.name)
         position, effort = (
             _of_joint(getattr(message, what), number, len(message.name), what) for what in ("position", "effort")
@@ -80,10 +86,8 @@ class GripperJoints:
             raise Refused("size", f"its effort {effort:g} is a force of {force:g} N, not from 0 to {STRONGEST:g}")
         return partial(self._set, gripper, "force", force)
 
-    def _trajectory(self, topic: str, gripper: str, joint: Joint, message: JointTrajectory) -> Callable | None:
+    def _trajectory(self, topic: str, gripper: str, joint: Joint, message: JointTrajectory) -> Callable:
         """What a trajectory has the loop do. Its times count from its stamp; a stamp of zero means now."""
-        if joint.name not in message.joint_names:
-            return None
         number, stamp = message.joint_names.index(joint.name), message.header.stamp
         begin = stamp.sec + 1e-9 * stamp.nanosec
         late = 1e-9 * self._now(self._loop.world) - begin if begin else 0.0

@@ -144,6 +144,10 @@ class Complaints:
         """Says what of a message on `topic` is cut to a limit."""
         self._say(topic, "cut", f"a message on {topic} is cut: {sentence}")
 
+    def ignore(self, topic: str, sentence: str) -> None:
+        """Says why a message on `topic` has no effect, which may be meant."""
+        self._say(topic, "ignore", f"a message on {topic} has no effect: {sentence}")
+
     def jump(self, topic: str, way: float) -> None:
         """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far."""
         if way > FAR:

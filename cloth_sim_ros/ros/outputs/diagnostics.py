@@ -8,13 +8,17 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 SLOW = 0.95  # a real-time factor below this is worth a warning
 LOOK = 10  # [s] between looks at a world while nobody listens
+# While it is paused, builds or waits it says so each second: whoever asks for a deadline hears of one that is dead.
+ALIVE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, deadline=Duration(seconds=3.0))
 OVER_ALL = ("max_strain", "max_penetration", "residual")
 
 
@@ -23,7 +27,7 @@ class DiagnosticsOutput:
 
     def __init__(self, node: Node):
         self._clock = node.get_clock()
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", ALIVE)
         self._unheard = 0  # seconds
 
     def is_wanted(self, world: World) -> bool:

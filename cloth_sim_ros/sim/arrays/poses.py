@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, worlds_
 from cloth_sim_ros.sim.physics.quaternion import quaternion_product, unit_quaternion, unit_quaternions
 
 # Accelerations [m/s^2], [rad/s^2] beyond which velocities jump: nothing follows such a collider by friction anyway.
-_STEEPEST, _STEEPEST_TURN = 20.0, 100.0
+_STEEPEST = np.array([20.0, 100.0])[:, None, None]
 
 
 class Motions(LiveArray):
@@ -86,7 +86,7 @@ class Motions(LiveArray):
             return
         moved = self._moving | self._wanted
         motion, wanted = self.edit(), self._wanted
-        before, bends = _displacements(motion[wanted]), motion["bends"][wanted]
+        last, bends = motion[wanted], motion["bends"][wanted]
         motion["bends"][moved] = 0
         for part in ("position", "orientation"):
             motion[f"start_{part}"][moved] = motion[f"end_{part}"][moved]
@@ -94,19 +94,20 @@ class Motions(LiveArray):
         backward = (goal * motion["start_orientation"][wanted]).sum(1, keepdims=True) < 0.0
         motion["end_orientation"][wanted] = np.where(backward, -goal, goal)
         motion["end_position"][wanted] = self._position[wanted]
-        now = _displacements(motion[wanted])
-        for k, (part, steepest) in enumerate((("", _STEEPEST), ("_turn", _STEEPEST_TURN))):
-            left = before[k] - bends[f"end{part}"]
-            ends = _bends(now[k], before[k], left, steepest * frame_dt**2)
-            for end, bend in zip(("start", "end"), ends, strict=True):
-                motion["bends"][f"{end}{part}"][wanted] = bend
+        # All in few calls, as NumPy takes longer to be called than to compute so few rows.
+        found = _displacements(np.concatenate([last, motion[wanted]]))
+        before, now = found[:, : len(last)], found[:, len(last) :]
+        left = before - np.stack([bends["end"], bends["end_turn"]])
+        starts, ends = _bends(now, before, left, _STEEPEST * frame_dt**2)
+        for part, start, end in zip(("", "_turn"), starts, ends, strict=True):
+            motion["bends"][f"start{part}"][wanted], motion["bends"][f"end{part}"][wanted] = start, end
         self._moving, self._wanted = self._wanted, self._moving
         self._wanted[:] = False
         self.are_still = not self._moving.any()
 
 
-def _displacements(motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [m] and rotation vectors [rad], (k, 3) each, of k rows in their frame, in world axes."""
+def _displacements(motion: np.ndarray) -> np.ndarray:
+    """Displacements [m], then rotation vectors [rad], (2, k, 3) of k rows in their frame, in world axes."""
     x, y, z, w = motion["start_orientation"].astype(np.float64).T
     start = np.column_stack([-x, -y, -z, w])
     turn = quaternion_product(motion["end_orientation"].astype(np.float64), start)
@@ -116,19 +117,19 @@ def _displacements(motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     turned = turn[:, :3] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
     still = (motion["start_orientation"] == motion["end_orientation"]).all(axis=1)
     turned[still] = 0.0
-    return motion["end_position"].astype(np.float64) - motion["start_position"], turned
+    return np.stack([motion["end_position"].astype(np.float64) - motion["start_position"], turned])
 
 
-def _bends(now: np.ndarray, before: np.ndarray, left: np.ndarray, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bends (k, 3) at the start and the end of a frame, see physics/path.py; 0 for rows that rest, or jump.
+def _bends(now: np.ndarray, before: np.ndarray, left: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bends (2, k, 3) at the start and the end of a frame, see physics/path.py; 0 for rows that rest, or jump.
 
     now, before: displacements of this frame and of the one before. left: velocity in which that ended, in displacements
     a frame. most: change of displacement beyond which velocities jump.
     """
-    rested = (before == 0.0).all(axis=1, keepdims=True)
+    rested = (before == 0.0).all(axis=-1, keepdims=True)
     arrived = np.where(rested, 2.0 * now, 0.5 * (2.0 * now - left) + 0.25 * (3.0 * now - before))
-    change = np.linalg.norm(np.where(rested, 2.0 * now, now - before), axis=1, keepdims=True)
-    smooth = (change <= most) & (now != 0.0).any(axis=1, keepdims=True)
+    change = np.linalg.norm(np.where(rested, 2.0 * now, now - before), axis=-1, keepdims=True)
+    smooth = (change <= most) & (now != 0.0).any(axis=-1, keepdims=True)
     return np.where(smooth, left - now, 0.0), np.where(smooth, now - arrived, 0.0)
 
 

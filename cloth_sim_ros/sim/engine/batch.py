@@ -100,7 +100,7 @@ class Batch:
         if features.measured:
             second, block = features.order == 2, threads_of(max(self.counts), device)
             alone = isinstance(self.executor, Block)
-            self.saved = Saved(state, self.states)
+            self.saved = Saved(state, self.states, colliders if features.listed else 0)
             self.measurement = Measurement(
                 self.worlds, self.saved, collected.particles, second, alone, features.chain, block
             )

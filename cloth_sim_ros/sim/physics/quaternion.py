@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ def unit_quaternion(value: Any, name: str) -> Quaternion:
     unit = _unit(value, 4, 1e-6)
     if unit is None:
         raise ValueError(f"{name} is {value!r}; allowed is a finite quaternion x y z w that is not zero")
-    return tuple(unit.tolist())
+    return unit
 
 
 def unit_quaternions(value: Any, name: str, count: int) -> np.ndarray:
@@ -62,17 +63,24 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Rows (k, 4) of the rotations b, then a."""
     u, v = a[:, :3], b[:, :3]
     w = a[:, 3:] * b[:, 3:] - (u * v).sum(axis=1, keepdims=True)
-    return np.hstack([a[:, 3:] * v + b[:, 3:] * u + np.cross(u, v), w])
+    ahead, behind = [1, 2, 0], [2, 0, 1]
+    cross = u[:, ahead] * v[:, behind] - u[:, behind] * v[:, ahead]  # np.cross takes five times as long
+    return np.hstack([a[:, 3:] * v + b[:, 3:] * u + cross, w])
 
 
-def _unit(value: Any, size: int, shortest: float) -> np.ndarray | None:
-    """`value` (size,) scaled to length 1, None where it is not that many finite numbers or shorter than `shortest`."""
+def _unit(value: Any, size: int, shortest: float) -> tuple[float, ...] | None:
+    """`value` (size,) scaled to length 1, None where it is not that many finite numbers or shorter than `shortest`.
+
+    In plain numbers, as it is asked for each moving thing in each frame; to the same bits as unit_quaternions.
+    """
     try:
-        vector = np.asarray(value, dtype=np.float64)
-        length = float(np.sqrt((vector * vector).sum()))  # to the same bits as unit_quaternions
-    except (TypeError, ValueError):
+        vector = () if isinstance(value, (str, bytes)) else tuple(map(float, value))
+        length = math.sqrt(sum(each * each for each in vector))
+    except (TypeError, ValueError, OverflowError):
         return None
-    return None if vector.shape != (size,) or not np.isfinite(length) or length < shortest else vector / length
+    if len(vector) != size or not math.isfinite(length) or length < shortest:
+        return None
+    return tuple(each / length for each in vector)
 
 
 def moved(points: np.ndarray, motion: Motion) -> np.ndarray:

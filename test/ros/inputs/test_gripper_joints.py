@@ -166,7 +166,20 @@ def test_what_cannot_be_is_refused(jaw, client):
     jaw.go(trajectory((1.0, 0.2), names=("lift", "elbow")))  # of other joints: nothing is said
     jaw.send(position=[0.8])
     client.until(lambda: jaw.at(0.8))
-    assert jaw.log.count("is refused") == 5 and "Traceback" not in jaw.log
+    assert jaw.log.count("is refused") == 5 and "has no effect" not in jaw.log and "Traceback" not in jaw.log
+
+
+def test_a_joint_of_another_name_is_told_once(jaw, client):
+    jaw.ready()
+    sender = client.node.create_publisher(JointState, "/jaw_commands", RELIABLE)
+    client.until(lambda: sender.get_subscription_count() > 0)
+    told = "a message on /jaw_commands has no effect: jaw is the joint 'knuckle', and it has ['knukle']"
+    sender.publish(JointState(name=["knukle"], position=[0.4]))
+    jaw.wait_for(told)
+    sender.publish(JointState(name=["lift"], position=[0.4]))
+    sender.publish(JointState(name=["knuckle"], position=[0.4]))
+    client.until(lambda: jaw.at(0.4))
+    assert jaw.log.count("has no effect") == 1
 
 
 def test_names_that_no_topic_has_and_equal_ends_are_told(start):

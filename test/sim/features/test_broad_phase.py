@@ -6,7 +6,7 @@ import pytest
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Scene, Simulation, Sphere
-from cloth_sim_ros.sim.engine import bodies
+from cloth_sim_ros.sim.engine import bodies, saved
 
 WAYS = [
     (None, {"iterations": 3}),
@@ -96,3 +96,23 @@ def test_a_collider_that_is_added_is_met(device):
     sim.step(40)
     assert np.linalg.norm(sim.positions("sheet") - (0, 0, -0.05), axis=1).min() > 0.3
     assert sim.wrench("added69")[0].any() and not sim.wrench("added3")[0].any()
+
+
+def test_frames_that_are_computed_again_begin_as_if_all_were_copied(monkeypatch):
+    """Trials meet what comes from afar, and what the copy of their start has of it is where nobody was near yet."""
+    far = {f"far{k}": Capsule(0.05, 0.3, position=(9, k, 0)) for k in range(20)}
+    scene = Scene({"sheet": Cloth(resolution=(9, 9), pins="corners", position=(0, 0, 0.3))}, {**far, **near_ones()})
+    part = Simulation(scene, device="cpu")
+    monkeypatch.setattr(saved, "_MANY", 0.0)
+    whole = Simulation(scene, device="cpu")
+    touched = set()
+    for frame in range(48):
+        for sim, many in ((part, 0.25), (whole, 0.0)):
+            monkeypatch.setattr(saved, "_MANY", many)
+            sim.set_collider_pose("ball", (0.05, 0.0, 0.2 * np.sin(0.4 * frame)))
+            sim.set_collider_pose("far3", (0.3, 0.2, 0.25) if 20 < frame < 40 else (9, 3, 0.1 * frame), sweep=False)
+            sim.step()
+        assert np.array_equal(part.positions("sheet"), whole.positions("sheet")), frame
+        assert part.report()["sheet"] == whole.report()["sheet"], frame
+        touched |= {name for name in ("ball", "far3") if part.wrench(name)[0].any()}
+    assert touched == {"ball", "far3"}

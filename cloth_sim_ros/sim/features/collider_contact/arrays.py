@@ -17,6 +17,8 @@ def words_of(colliders: int) -> int:
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"pinch_places": "particle", "contacts": "contact"}
+# Arrays with an element for each collider beside each particle or facet. Colliders that no body lists change none.
+BY_COLLIDER = ("contacts", "contact_forces", "leans", "presses", "looks")
 
 
 @wp.struct
