@@ -49,9 +49,7 @@ def test_memory_stays_while_listeners_come_and_go(start, client, capsys):
             resident, own = memory(node.process)
             figures.append((minutes, resident))
             with capsys.disabled():
-                print(
-                    f"\n{minutes:.1f} min: {figures[-1][1][0]:.2f} MB, {figures[-1][1][1]:.2f} of its own", flush=True
-                )
+                print(f"\n{minutes:.1f} min: {resident:.2f} MB, {own:.2f} of its own", flush=True)
         if minutes >= MINUTES:
             break
         heard = []
