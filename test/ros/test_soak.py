@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 from test_garbage import made
 
-MINUTES = float(os.environ.get("SOAK_MINUTES", "4"))
+MINUTES = float(os.environ.get("SOAK_MINUTES", "2"))
 SETTLED = 1 / 6  # of the time, after which memory may grow no more
 GROWTH = 1.01  # at most, from then on
 
