@@ -48,6 +48,20 @@ def test_the_measured_error_is_in_the_diagnostics():
     assert 0.0 < float(told["sheet.expected_error"]) < 1.0
 
 
+def test_a_frame_beyond_its_budget_is_told_where_substeps_are_chosen():
+    world = World(values(device="cpu"), logging.getLogger("test"))
+    assert world.build(world.values)
+    allowed = 1e3 * world.sim.settings.budget * world.sim.settings.frame_dt * len(world.sim.choices)
+
+    def message(share):
+        return diagnostics("cloth_sim", world, Pace(1.0, share * allowed, 0.0, 60), False, 0).status[0].message
+
+    assert "a frame takes 1.5 times solver.budget" in message(1.5)
+    assert message(1.1) == "running"
+    world.sim.set("solver.substeps", 20)
+    assert message(1.5) == "running"
+
+
 @pytest.mark.long
 def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
     world = World(values(device="cpu"), logging.getLogger("test"))

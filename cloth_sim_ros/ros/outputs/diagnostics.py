@@ -16,6 +16,7 @@ from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 SLOW = 0.95  # a real-time factor below this is worth a warning
+BEYOND = 1.25  # so much of its budget may a frame take before that is told
 LOOK = 10  # [s] between looks at a world while nobody listens
 # While it is paused, builds or waits it says so each second: whoever asks for a deadline hears of one that is dead.
 ALIVE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, deadline=Duration(seconds=3.0))
@@ -99,9 +100,19 @@ def _verdict(
         return DiagnosticStatus.OK, "paused"
     if by_clock is not None:
         return (DiagnosticStatus.WARN, by_clock) if by_clock else (DiagnosticStatus.OK, "follows /clock")
+    beyond = _beyond_budget(world, pace)
     if pace.real_time_factor < SLOW:
-        return DiagnosticStatus.WARN, f"slower than real time, at {pace.real_time_factor:.2f} of it"
-    return DiagnosticStatus.OK, "running"
+        return DiagnosticStatus.WARN, f"slower than real time, at {pace.real_time_factor:.2f} of it{beyond}"
+    return DiagnosticStatus.OK, f"running{beyond}"
+
+
+def _beyond_budget(world: World, pace: Pace) -> str:
+    """Return by how much a frame exceeds the budget of its objects, and what helps; "" where substeps are set."""
+    settings = world.sim.settings
+    times = pace.ms_per_frame / (1e3 * settings.budget * settings.frame_dt * len(world.sim.choices))
+    if settings.substeps or times <= BEYOND:
+        return ""
+    return f"; a frame takes {times:.1f} times solver.budget: a larger solver.error or coarser objects help"
 
 
 def _text(value: Any) -> str:
