@@ -60,6 +60,8 @@ def test_a_frame_beyond_its_budget_is_told_where_substeps_are_chosen():
     assert message(1.1) == "running"
     world.sim.set("solver.substeps", 20)
     assert message(1.5) == "running"
+    assert world.build(values(device="cpu", objects=[]))
+    assert message(1.5) == "running", "an empty scene has no budget"
 
 
 @pytest.mark.long

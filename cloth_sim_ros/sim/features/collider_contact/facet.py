@@ -15,7 +15,7 @@ _NEAR = 1.0e-5  # tolerance [m]: the search ends if no point of the line can be 
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
 _FEWEST, _MOST = 3, 8
 _AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
-STEP = wp.constant(2.0)  # length to which the deepest point is resolved there, as a multiple of the thickness
+STEP = wp.constant(2.0)  # distance of these samples that matters, as a multiple of the thickness
 # Displacement in a substep, as a fraction of the thickness, beyond which a facet is searched on its whole way.
 FAST = wp.constant(0.5)
 _FAR = wp.constant(1.0e30)  # distance [m]
