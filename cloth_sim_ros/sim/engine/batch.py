@@ -105,7 +105,7 @@ class Batch:
                 self.worlds, self.saved, collected.particles, second, alone, features.chain, block
             )
         if features.audited:
-            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block, max(self.counts))
+            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, alone, block, max(self.counts))
         self._trial = None
         if features.method == "verlet":
             frame = self.frame
@@ -259,9 +259,15 @@ class Batch:
         each = limits["start"]
         if self.measurement is not None:
             chosen = self.states["substeps"].numpy()
-            each = np.where(chosen > 0, np.clip(chosen, limits["least"], limits["most"]), each)
+            bounded = np.clip(chosen, limits["fewest"], limits["most"]) if self.frame.limits.is_changed else chosen
+            each = np.where(chosen > 0, bounded, each)
         each = each[worlds_of(world)]
         return int((each if b is None else each[:, b]).max())
+
+    def pays(self, b: int) -> int:
+        """Most substeps of body b that its budget pays with the contact it has, in any world; waits for the device."""
+        most = self.measurement.most()[:, b]
+        return int(np.where(most > 0, most, self.frame.limits.mirrors()["rows"]["most"][:, b]).max())
 
     def error(self, b: int, world: int | None = None) -> tuple[float, float]:
         """Measured error of body b: that of the last measured frame [m], and the share in the units of solver.error.

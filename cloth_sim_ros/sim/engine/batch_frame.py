@@ -27,9 +27,9 @@ class BatchFrame:
 
     def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray, in_step: bool) -> None:
         """Write the choice for body b of `sizes` (worlds,) [m]; those `in_step` never sleep, as others move them."""
-        bounds = {"least": choice.least, "most": choice.most, "error": settings.error, "size": sizes}
-        bounds["sleeps"] = int(settings.sleep and not in_step)
-        self.limits.write(b, None, start=choice.substeps, **bounds)
+        flags = {"sleeps": int(settings.sleep and not in_step), "is_set": int(settings.substeps > 0)}
+        bounds = {name: getattr(choice, name) for name in ("least", "most", "fewest", "search")}
+        self.limits.write(b, None, start=choice.substeps, error=settings.error, size=sizes, **flags, **bounds)
         self.safe_limits.write(b, None, start=choice.safe_substeps)
 
     def write(self, frame_dt: float) -> None:

@@ -418,7 +418,7 @@ class Bodies:
                 b = batch.index[name]
                 error = batch.error(b)[1] or choice.error
                 found[name] = replace(choice, substeps=batch.substeps(b), error=error)
-                if error > self.settings.error and found[name].substeps == choice.most and not self.settings.substeps:
+                if error > self.settings.error and batch.pays(b) <= found[name].substeps and not self.settings.substeps:
                     missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
                     more = "; the budget allows no more substeps, so " + missed
                     more += "; a larger solver.budget or solver.error helps"

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
@@ -29,7 +30,7 @@ class Measurement:
         self._given = wp.array(worlds, dtype=Arrays, device=device)
         remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
-        self._wanted = wp.zeros(bodies, dtype=int, device=device)
+        self._wanted, self._most = (wp.zeros(bodies, dtype=int, device=device) for _ in range(2))
 
         def launch(kernel: wp.Kernel, *inputs) -> wp.Launch:
             inputs = [self._given, *inputs, block]
@@ -37,7 +38,9 @@ class Measurement:
 
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
-        self._control = launch(control, *remembered, differences, self._wanted, int(second), int(alone), growth)
+        self._control = launch(
+            control, *remembered, differences, self._wanted, self._most, int(second), int(alone), growth
+        )
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -56,6 +59,10 @@ class Measurement:
     def wanted(self) -> int:
         """Most substeps that a body should take; waits for the device."""
         return int(self._wanted.numpy().max())
+
+    def most(self) -> np.ndarray:
+        """Most substeps (worlds, bodies) that the budget paid when they were last chosen, 0 before; waits."""
+        return self._most.numpy().reshape(self._given.size, -1)
 
     def change(self, substeps: int) -> None:
         """Let all bodies take as many substeps from now on; 0 brings those of each within its limits."""

@@ -69,7 +69,7 @@ def make_count(features: Features):
         count_fault(b, s)
         n = ctx.frame.substeps
         s.control.taken[b] = n
-        s.control.unmeasured[b] += 1
+        s.control.since[b] += wp.vec4i(1, n, 0, 0)
         s.control.asleep[b] = 0
         if wp.static(features.looks_back):
             smooth = s.events[2 * b + (n - 1) % 2] != n

@@ -15,16 +15,21 @@ KEPT = {"substeps": "count", "taken": "count", "redone": "count"}
 class StepLimits:
     """Bounds of the substeps of one body in a frame.
 
-    start: substeps until an error is measured. least, most: bounds of those chosen from the error. error: wanted error,
-    as solver.error. size: largest extent of the body [m]. sleeps: 1 if it is not computed while it is at rest.
+    start: substeps until an error is measured. least, most: bounds of those chosen from the error. fewest: those to
+    which searches of facets for contact may lower both, as the budget pays no more. search: cost of such a search, as
+    a share of that of a substep without any. error: wanted error, as solver.error. size: largest extent of the body
+    [m]. sleeps: 1 if it is not computed while it is at rest. is_set: 1 if a user has set the substeps.
     """
 
     start: int
     least: int
     most: int
+    fewest: int
+    search: float
     error: float
     size: float
     sleeps: int
+    is_set: int
 
 
 @wp.struct
@@ -44,7 +49,8 @@ class ControlState:
     ledgers: wp.array(dtype=wp.vec4d)
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
     asleep: wp.array(dtype=int)  # (B,) 1 while the body is at rest
-    unmeasured: wp.array(dtype=int)  # (B,) frames since the error was measured
+    # (B,) since the error was measured: frames, substeps, searches of facets for contact, frames computed again
+    since: wp.array(dtype=wp.vec4i)
     # (B,) RMS error of the last measured frame [m] and its order, error in this window and in the one before
     errors: wp.array(dtype=wp.vec4)
     motions: wp.array(dtype=wp.vec3)  # (B,)
@@ -53,6 +59,6 @@ class ControlState:
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    bodies = ("substeps", "divisors", "factors", "redone", "taken", "unmeasured", "asleep", "errors", "motions")
+    bodies = ("substeps", "divisors", "factors", "redone", "taken", "since", "asleep", "errors", "motions")
     audited = {"ledgers": n.bodies if features.audited else 0}
     return {**dict.fromkeys(bodies, n.bodies), **audited, "anchors": n.particles if features.measured else 0}

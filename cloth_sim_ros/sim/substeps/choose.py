@@ -46,7 +46,7 @@ class Choice:
     substeps: those of the first frame. least, most: bounds of the substeps that follow from the measured error; both
     are `substeps` if that is set. smooth: minimum for second order. error: expected error in the units of solver.error.
     safe_substeps: substeps of an explicit frame that XPBD repeats. bending_share: share of a sheet's bending rigidity
-    that acts. surface: True if colliders are also kept out between particles.
+    that acts. surface: True if colliders are also kept out between particles. search, fewest: see StepLimits.
     """
 
     method: str
@@ -60,6 +60,8 @@ class Choice:
     safe_substeps: int = 1
     bending_share: float = 1.0
     surface: bool = False
+    search: float = 0.0
+    fewest: int = 1
 
     @property
     def words(self) -> str:
@@ -121,14 +123,15 @@ def _xpbd(
 ) -> Choice:
     """Choose XPBD, with bounds of its substeps; limit: substeps that leapfrog needs without dashpots."""
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
-    budget = 1e3 * settings.budget * settings.frame_dt / (iterations * prices.xpbd(topology, materials, around))
-    fewest = _fewest(topology, around.coupled)
-    most = int(np.clip(budget, fewest, _MOST))
+    price, fewest = iterations * prices.xpbd(topology, materials, around), _fewest(topology, around.coupled)
+    most = int(np.clip(1e3 * settings.budget * settings.frame_dt / price, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
-    shaken = _is_mesh(topology) and topology.coupling is None and most < limit / (_MOST_STIFF * iterations)
-    order = settings.order or (1 if shaken else 2)
+    smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
+    order = settings.order or (1 if most < smooth else 2)
+    smooth *= order == 2
     static = _static(settings, topology, materials, _effective(settings, order) / settings.frame_dt * limit, around)
     static /= iterations
+    whole = _whole(topology) * _effective(settings, order) / settings.frame_dt * limit / iterations
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static))
     least = min(needed, most)
@@ -136,7 +139,7 @@ def _xpbd(
     substeps = int(np.clip(math.ceil(first), least, most))
     reason = f"is computed by xpbd order {order}"
     if settings.substeps:
-        substeps = least = most = settings.substeps
+        substeps = least = most = fewest = settings.substeps
         reason += f" in {substeps} x {iterations}"
     else:
         reason += f" in {least} to {most} substeps, as its measured error asks"
@@ -145,7 +148,12 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    return Choice("xpbd", order, substeps, iterations, settings.error, reason, least, most, 1, share, around.surface)
+    costs = {
+        "search": prices.search(around) / price,
+        "fewest": min(least, math.ceil(max(fewest, smooth, bending, whole))),
+    }
+    bounds = (substeps, iterations, settings.error, reason, least, most)
+    return Choice("xpbd", order, *bounds, bending_share=share, surface=around.surface, **costs)
 
 
 def _static(
@@ -166,12 +174,17 @@ def _static(
         return 0.0
     excess = min(1.0, _EXCESS * settings.error)
     if topology.coupling is not None:
-        return max(_COUPLED * math.sqrt(_LOST / excess), limits.LEAPFROG / math.sqrt(WHOLE)) * limit
+        return max(_COUPLED * math.sqrt(_LOST / excess), _whole(topology)) * limit
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
     seen = min(1.0, strain / _SEEN)
     if _is_mesh(topology):
         return math.sqrt(_LOST / excess * seen) * limit
     return 0.25 * (0.1 / excess * seen) ** (1.0 / 1.35) * limit
+
+
+def _whole(topology: Topology) -> float:
+    """Substeps over those of leapfrog times the effective step, with which the coupling of a membrane acts whole."""
+    return limits.LEAPFROG / math.sqrt(WHOLE) if topology.coupling is not None else 0.0
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:

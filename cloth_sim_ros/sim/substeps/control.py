@@ -122,7 +122,7 @@ def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, b
     chosen = s.control.substeps[b]
     wanted = substeps
     if substeps == 0:
-        wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.least, limits.most), 0)
+        wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.fewest, limits.most), 0)
     if second > 0 and chosen > 0:
         resample_all(t, block, given[w], b, chosen, wanted)
     sync()  # all threads have read what one will write
@@ -157,17 +157,28 @@ def order_of(fine: float, coarse: float) -> float:
 
 
 @wp.func
-def chosen(n: int, share: float, order: float, limits: StepLimits) -> int:
+def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
+    """Substeps that the budget pays if each has as many searches for contact as those `since` the last measurement.
+
+    They stay at n if frames are computed again, as that costs more, and fall slowly.
+    """
+    searches = float(since[2]) / float(wp.max(since[1], 1))
+    pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.search * searches)))
+    return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))
+
+
+@wp.func
+def chosen(n: int, share: float, order: float, least: int, most: int, error: float) -> int:
     """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order.
 
     Where errors do not fall as substeps double, as in chaos, more of them buy little. They grow by what they buy.
     """
-    ratio = wp.pow(share / limits.error, 1.0 / wp.clamp(order, 1.0, 2.0))
-    most = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
-    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, most)))
+    ratio = wp.pow(share / error, 1.0 / wp.clamp(order, 1.0, 2.0))
+    growth = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
+    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, growth)))
     if wanted <= n and float(wanted) > SPARE * float(n):
         wanted = n
-    return wp.clamp(wanted, limits.least, limits.most)
+    return wp.clamp(wanted, least, most)
 
 
 @compiled
@@ -177,6 +188,7 @@ def control(
     lo: wp.array2d(dtype=wp.vec3),
     differences: wp.array(dtype=float),
     wanted: wp.array(dtype=int),
+    most: wp.array(dtype=int),
     second: int,
     alone: int,
     growth: float,
@@ -187,7 +199,7 @@ def control(
     w, b = k / bodies, k % bodies
     m, s, limits, length = given[w].model.bodies[b], given[w].state, given[w].limits[b], given[w].frames[0].length
     n, past, known = substeps_of(s.control, limits, b), s.control.motions[b], s.control.errors[b]
-    elapsed = length * float(s.control.unmeasured[b])
+    elapsed = length * float(s.control.since[b][0])
     is_first = past[2] == 0.0
     begins = is_first or past[2] + elapsed > WINDOW
     part, moved = float(0.0), float(0.0)
@@ -211,7 +223,8 @@ def control(
         motion = OF_SIZE * limits.size
     added = wp.lerp(RETURN, growth * WINDOW, truncates)
     share = error * wp.max(added / length, 1.0) / motion
-    better = chosen(n, share, order, limits)
+    pays = afforded(n, s.control.since[b], limits)
+    better = chosen(n, share, order, wp.min(limits.least, pays), pays, limits.error)
     if t == 0:
         grown = known[2] + share * elapsed / WINDOW
         if begins:
@@ -220,10 +233,11 @@ def control(
         else:
             s.control.motions[b] = wp.vec3(way, past[1], past[2] + elapsed)
             s.control.errors[b] = wp.vec4(error, order, grown, known[3])
-        s.control.unmeasured[b] = 0
+        s.control.since[b] = wp.vec4i(0)
         if begins and not is_first and limits.sleeps > 0 and way < STILL * limits.size:
             s.control.asleep[b] = 1
         wanted[k] = better
+        most[k] = pays
         if alone > 0:
             s.control.substeps[b] = better
     if alone > 0 and second > 0:

@@ -27,6 +27,7 @@ FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame
 # the work of its weight over its size, or the kinetic energy at this speed [m/s].
 MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
 MORE = wp.constant(4)  # factor of the substeps from one repetition to the next
+GROWTH = wp.constant(1.5)  # factor of the substeps after a frame that was computed again
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
 
@@ -262,18 +263,21 @@ def judge_frames(
     a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
     if factors[k] > 0:
         a.state.control.redone[b] += 1
+        a.state.control.since[b] += wp.vec4i(0, 0, 0, 1)
 
 
 @wp.func
-def change_factor(t: int, width: int, a: Arrays, b: int, factor: int):
-    """Multiply the substeps that are chosen for body b by `factor` from now on; 0 leaves them."""
+def change_factor(t: int, width: int, a: Arrays, b: int, factor: int, growth: float):
+    """Multiply the substeps that are chosen for body b by `growth`, and by `factor` in this frame; 0 leaves them."""
     before = substeps_of(a.state.control, a.limits[b], b)
-    after = before / wp.max(1, a.state.control.factors[b]) * wp.max(1, factor)
+    chosen = int(growth * float(before / wp.max(1, a.state.control.factors[b])))
     sync()  # all threads have read what one will write
     if a.state.last_displacements.shape[0] > 0:
-        resample_all(t, width, a, b, before, after)
+        resample_all(t, width, a, b, before, chosen * wp.max(1, factor))
     if t == 0:
         a.state.control.factors[b] = factor
+        if growth > 1.0:
+            a.state.control.substeps[b] = chosen
 
 
 @compiled
@@ -283,15 +287,17 @@ def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rej
     if wp.tid() == 0:
         rejects[0] = 0
     if factors[k] > 0:
-        change_factor(t, block, given[k / bodies], k % bodies, factors[k])
+        change_factor(t, block, given[k / bodies], k % bodies, factors[k], 1.0)
 
 
 @compiled
-def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), block: int):
+def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), alone: int, block: int):
     k, t = wp.tid() / block, wp.tid() % block
     bodies = given[0].limits.shape[0]
     a, b = given[k / bodies], k % bodies
     used = a.state.control.factors[b]
     # A rejected frame has a larger factor by now.
     if used > 0 and used == factors[k]:
-        change_factor(t, block, a, b, 0)
+        # It costs less to take more substeps from now on than to compute each frame again.
+        grows = alone > 0 and a.limits[b].is_set == 0
+        change_factor(t, block, a, b, 0, wp.where(grows, GROWTH, 1.0))

@@ -15,10 +15,11 @@ from cloth_sim_ros.sim.topology import Topology
 _NS = 1e-6  # a nanosecond [ms]
 # Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, facets.
 # Then the cost of a spring of a line, and the extra costs of its dashpot and of its coupling in a membrane.
-_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (5.0, 18.0, 1.4, 45.0, 14.0, 50.0))
-_SPRING, _DASHPOT, _COUPLING = 4.0 * _NS, 2.0 * _NS, 5.0 * _NS
-_SEGMENT = 45.0 * _NS  # cost of a particle of a rope [ms]
-_LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
+_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.0, 1.2, 54.0, 20.0, 40.0))
+_SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
+_SEGMENT, _BEND = 85.0 * _NS, 60.0 * _NS  # cost of a particle of a rope, and more if it resists bending [ms]
+_SEARCH = 2000.0 * _NS  # cost of the search of a facet for contact [ms]
+_LAYERS = 250.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
 # stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
 # contact, and its cost per particle of all worlds.
@@ -54,6 +55,14 @@ def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]
     return _alone(topology, materials, around) + _meeting(topology, around) * around.coupled
 
 
+def search(around: Surroundings) -> float:
+    """Cost of the search of a facet for contact, in all worlds [ms]; 0 on a GPU, whose threads share them.
+
+    How many there are depends on the motion, so they are counted as it runs.
+    """
+    return around.worlds * _SEARCH if around.device == "cpu" and around.surface else 0.0
+
+
 def _meeting(topology: Topology, around: Surroundings) -> float:
     """Cost of self and object contact for an object that lies in layers [ms]."""
     count = len(topology.masses) * around.worlds
@@ -63,8 +72,9 @@ def _meeting(topology: Topology, around: Surroundings) -> float:
 def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
     """Cost of an object without self and object contact [ms]."""
     count, plate, coupled = len(topology.masses), topology.plate is not None, topology.coupling is not None
+    bends = topology.bends is not None
     if not len(topology.triangles):
-        return _ROPE if around.device == "cuda" else around.worlds * count * _SEGMENT
+        return _ROPE if around.device == "cuda" else around.worlds * count * (_SEGMENT + _BEND * bends)
     if around.device == "cuda":
         stages = 2 + len(topology.families) + coupled + around.wind + plate + 2 * around.surface
         return _in_blocks(topology, stages, around)

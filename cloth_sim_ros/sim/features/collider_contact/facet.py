@@ -62,10 +62,11 @@ class Deepest:
 
 @wp.struct
 class Touch:
-    """The deepest point of a facet with a share `left` of its displacement still to go."""
+    """The deepest point of a facet with a share `left` of its displacement still to go, found by some searches."""
 
     deepest: Deepest
     left: float
+    searches: int
 
 
 @wp.func
@@ -363,16 +364,15 @@ def make_touched(shapes: tuple[str, ...]):
         if way > FAST * thickness:
             touch.left = wp.max(1.0 - wp.max(off - thickness, 0.0) / way, 0.0)
         gap = float(1.0)
-        count = int(0)
         # The last turn is at the end of its way; one loop lets the compiler emit the search once.
-        while count <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
+        while touch.searches <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
             touch.deepest = deepest(shape, size, data, back(facet, touch.left), STEP * thickness, known)
             gap = 0.0
             if touch.left > 0.0:
                 gap = touch.deepest.value - thickness
                 if gap > 1.0e-3 * thickness:
                     touch.left = wp.max(touch.left - gap / way, 0.0)
-            count += 1
+            touch.searches += 1
         return touch
 
     return touched

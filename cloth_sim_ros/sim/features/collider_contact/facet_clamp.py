@@ -42,6 +42,12 @@ def mark(corners: wp.vec3i, bit: int, ctx: Context):
 
 
 @wp.func
+def note_searches(count: int, ctx: Context):
+    """Count searches of facets for contact, whose cost bounds the substeps (see prices.py)."""
+    wp.atomic_add(ctx.state.control.since, ctx.body.index, wp.vec4i(0, 0, count, 0))
+
+
+@wp.func
 def _least(apart: float, thickness: float) -> float:
     """Return how near a facet that is `apart` [m] from a collider may come to it [m]."""
     return wp.max(_LEFT * apart, wp.min(_LEAST * thickness, apart))
@@ -85,6 +91,7 @@ def _make_given_up(shapes: tuple[str, ...]):
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)
+            note_searches(1, ctx)
             if (count == 0 and found.value <= 0.0) or left * way < found.value:
                 return none
             if pressed or (count > 0 and found.value < 1.0e-3 * thickness):

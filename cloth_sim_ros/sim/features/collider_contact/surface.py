@@ -26,7 +26,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet import (
     point_of,
     slip_at,
 )
-from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark, note_searches
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corners_of,
     facet_of,
@@ -151,6 +151,7 @@ def make_touched_in(features: Features):
             known = look.weights
         off = wp.where(look.known == 1, look.value - moved - way, 0.0)
         touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
+        note_searches(touch.searches, ctx)
         found = touch.deepest
         if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
             if wp.max(known) == 0.0:
