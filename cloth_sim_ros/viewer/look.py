@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import viser
 
 BRAND = (46, 112, 176)
 FIELD_OF_VIEW = 0.7  # [rad]
+NARROW = 600  # width of a window [px] below which the panel covers its lower half
+RAISED, FARTHER = 0.2, 1.8  # there the scene stands higher, by this share of the window, and farther away
 
 
 LINES = {  # of the ground, and of any plane
@@ -30,6 +33,8 @@ def furnish(server: viser.ViserServer) -> None:
     scene.add_grid("/ground", infinite_grid=True, **LINES)
     gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False, control_width="large")
     server.initial_camera.fov = FIELD_OF_VIEW
+    camera = server.initial_camera
+    server.on_client_connect(lambda client: _frame(client, camera.position, camera.look_at))
     gui.set_panel_label("cloth_sim")
     gui.main_panel.dock_right()
 
@@ -38,4 +43,16 @@ def look_from(server: viser.ViserServer, position: tuple, at: tuple) -> None:
     """Puts the camera of everybody who looks, and of who comes, to `position` [m] and has it look `at` [m]."""
     server.initial_camera.position, server.initial_camera.look_at = position, at
     for client in server.get_clients().values():
-        client.camera.position, client.camera.look_at = position, at
+        _frame(client, position, at)
+
+
+def _frame(client: viser.ClientHandle, position: tuple, at: tuple) -> None:
+    """Puts the camera of one client; in a narrow window what it looks at stands above the panel."""
+    position, at = np.asarray(position, dtype=float), np.asarray(at, dtype=float)
+    if client.camera.image_width < NARROW:
+        way = FARTHER * (at - position)
+        across = np.cross(way, (0.0, 0.0, 1.0))
+        up = np.cross(across, way)
+        down = -2.0 * RAISED * np.tan(0.5 * FIELD_OF_VIEW) * np.linalg.norm(way) * up / np.linalg.norm(up)
+        position, at = at - way + down, at + down
+    client.camera.position, client.camera.look_at = position, at
