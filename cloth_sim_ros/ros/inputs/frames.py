@@ -43,11 +43,12 @@ def bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
 def checked(pose: Pose) -> Pose:
     """The pose, whose orientation is of unit norm. Raises Refused where it is no place for anything."""
     bounded(pose.position, FARTHEST, "position", "m")
-    norm = math.hypot(*pose.orientation)
+    x, y, z, w = pose.orientation
+    norm = math.hypot(x, y, z, w)
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         given = _numbers(pose.orientation)
         raise Refused("orientation", f"its orientation {given} has norm {norm:.4g}, but must be of unit norm")
-    return Pose(pose.position, tuple(part / norm for part in pose.orientation))
+    return Pose(pose.position, (x / norm, y / norm, z / norm, w / norm))
 
 
 def _numbers(values: tuple[float, ...]) -> str:
