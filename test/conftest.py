@@ -18,6 +18,15 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("device", ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])], scope="session")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_pycollect_makemodule(module_path, parent):
+    """A module of tests is one, and no launch test.
+
+    launch_testing of ROS imports each file to find that out. The first one that skips itself would end the collection.
+    """
+    return pytest.Module.from_parent(parent, path=module_path)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_sessionstart(session):
     """Tells every half minute how many kernel modules were compiled since, as no test ends meanwhile."""

@@ -2,7 +2,9 @@
 """package.xml names every ROS package that is used here, and what else has a rosdep key; setup.py names the rest."""
 
 import ast
+import os
 import re
+import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
@@ -50,3 +52,13 @@ def test_every_source_file_here_names_the_licence():
         files += (ROOT / folder).rglob("*.py")
     bare = [file for file in files if not file.read_text().startswith(f"# SPDX-License-Identifier: {licence}\n")]
     assert len(files) > 20 and not bare
+
+
+def test_a_file_that_skips_itself_takes_no_other_along_where_launch_testing_looks_into_it(tmp_path):
+    """As that of Jazzy does: what it imports may skip, and then its hook does."""
+    hook = "def pytest_pycollect_makemodule(module_path, parent):\n    pytest.skip('', allow_module_level=True)\n"
+    (tmp_path / "looks_into_files.py").write_text(f"import pytest\n\n\n{hook}")
+    command = [sys.executable, "-m", "pytest", "-p", "looks_into_files", "-p", "no:cacheprovider", "--collect-only"]
+    environment = {**os.environ, "PYTHONPATH": ":".join([str(tmp_path), *sys.path])}
+    found = subprocess.run([*command, "test/test_layers.py"], cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert "test_no_import_runs_back" in found.stdout and found.returncode == 0, found.stdout + found.stderr

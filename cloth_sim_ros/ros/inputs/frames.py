@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -11,9 +12,13 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.time import Time
 
+from cloth_sim_ros import parameters
 from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector, composed
 from cloth_sim_ros.sim.physics.quaternion import rotate
+
+FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
+UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
 
 Mounts = Mapping[str, tuple[str, Pose]]  # collider of the robot -> its link, and its pose in the axes of that
 
@@ -24,6 +29,30 @@ class Refused(ValueError):
     def __init__(self, kind: str, sentence: str):
         super().__init__(sentence)
         self.kind = kind
+
+
+def bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
+    """The vector. Raises Refused where it is not finite or beyond `limit`."""
+    if not all(map(math.isfinite, vector)):
+        raise Refused("finite", f"its {what} {_numbers(vector)} is not finite")
+    if max(map(abs, vector)) > limit:
+        raise Refused("size", f"its {what} {_numbers(vector)} is beyond {limit:g} {unit}")
+    return vector
+
+
+def checked(pose: Pose) -> Pose:
+    """The pose, whose orientation is of unit norm. Raises Refused where it is no place for anything."""
+    bounded(pose.position, FARTHEST, "position", "m")
+    x, y, z, w = pose.orientation
+    norm = math.hypot(x, y, z, w)
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        given = _numbers(pose.orientation)
+        raise Refused("orientation", f"its orientation {given} has norm {norm:.4g}, but must be of unit norm")
+    return Pose(pose.position, (x / norm, y / norm, z / norm, w / norm))
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 class Frames:
@@ -122,7 +151,7 @@ class Followers:
         """
         now = time.monotonic()
         stamp, pose = self._frames.place(frame)
-        pose = pose if offset is None else composed(pose, offset)
+        pose = checked(pose if offset is None else composed(pose, offset))
         if stamp != self._stamps.get(name):
             is_first = name not in self._stamps
             self._stamps[name], self._since[name] = stamp, now

@@ -13,33 +13,23 @@ from std_msgs.msg import Float64
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters
-from cloth_sim_ros.ros.inputs.frames import Frames, Refused
+from cloth_sim_ros.ros.inputs.frames import FARTHEST, Frames, Refused, bounded, checked
 from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector
 from cloth_sim_ros.ros.parameters.plan import placed
 from cloth_sim_ros.sim import Box, Cylinder, Sphere
 from cloth_sim_ros.sim.access.cuts import plane_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 
-FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
 FAR = 0.1  # [m] in one frame, which flings what is met
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
-UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
 
 
 def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
     """The message's pose in our frame. Raises Refused."""
     p, q = message.pose.position, message.pose.orientation
-    position = _bounded((p.x, p.y, p.z), FARTHEST, "position", "m")
-    orientation = (q.x, q.y, q.z, q.w)
-    norm = math.sqrt(sum(c * c for c in orientation)) if all(map(math.isfinite, orientation)) else math.nan
-    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
-        shown = _shown(orientation)
-        raise Refused("orientation", f"its orientation {shown} has norm {norm:.4g}, but must be of unit norm")
-    pose = Pose(position, tuple(c / norm for c in orientation))
-    pose = frames.pose(pose, message.header.frame_id, _stamp(message))
-    _bounded(pose.position, FARTHEST, "position", "m")
-    return pose
+    pose = checked(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
+    return checked(frames.pose(pose, message.header.frame_id, _stamp(message)))
 
 
 def name_of(marker: Marker) -> str:
@@ -70,7 +60,7 @@ def read_marker(marker: Marker, frames: Frames) -> Collider:
 def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
     """The message's wind velocity [m/s] in our frame. Raises Refused."""
     v = message.vector
-    velocity = _bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
+    velocity = bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
     return frames.vector(velocity, message.header.frame_id, _stamp(message))
 
 
@@ -85,8 +75,8 @@ def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
     """The corners of the message's polygon [m] in our frame. Raises Refused."""
     stamp, frame, corners = _stamp(message), message.header.frame_id, []
     for p in message.polygon.points:
-        corner = Pose(_bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
-        corners.append(_bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))
+        corner = Pose(bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
+        corners.append(bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))
     try:
         plane_of(corners)
     except ValueError as error:
@@ -112,18 +102,6 @@ def _stamp(message: PoseStamped | Marker | Vector3Stamped | PolygonStamped) -> T
     if message.header.stamp.sec < 0:
         raise Refused("stamp", f"its stamp is {message.header.stamp.sec} s; allowed are stamps from 0 on")
     return Time.from_msg(message.header.stamp)
-
-
-def _bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
-    if not all(map(math.isfinite, vector)):
-        raise Refused("finite", f"its {what} {_shown(vector)} is not finite")
-    if max(map(abs, vector)) > limit:
-        raise Refused("size", f"its {what} {_shown(vector)} is beyond {limit:g} {unit}")
-    return vector
-
-
-def _shown(values: tuple[float, ...]) -> str:
-    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"
 
 
 class Complaints:

@@ -39,7 +39,8 @@ def composed(outer: Pose, inner: Pose) -> Pose:
     a, b, c, w = outer.orientation
     x, y, z = inner.position
     p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
-    offset = x + w * p + b * r - c * q, y + w * q + c * p - a * r, z + w * r + a * q - b * p
+    i, j, k = outer.position
+    place = i + (x + w * p + b * r - c * q), j + (y + w * q + c * p - a * r), k + (z + w * r + a * q - b * p)
     d, e, f, v = inner.orientation
     turn = (
         w * d + v * a + b * f - c * e,
@@ -47,7 +48,7 @@ def composed(outer: Pose, inner: Pose) -> Pose:
         w * f + v * c + a * e - b * d,
         w * v - a * d - b * e - c * f,
     )
-    return Pose(tuple(u + shift for u, shift in zip(outer.position, offset, strict=True)), turn)
+    return Pose(place, turn)
 
 
 class PoseTrack:
@@ -147,18 +148,20 @@ class PoseTrack:
 
 
 def between(a: Pose, b: Pose, fraction: float) -> Pose:
-    """The pose `fraction` of the way from a to b, turning the shorter way."""
+    """The pose `fraction` of the way from a to b, turning the shorter way. In plain numbers, as `composed`."""
     if a == b:
         return a  # to the bit, so that who stands still is seen to
-    position = tuple(p + fraction * (q - p) for p, q in zip(a.position, b.position, strict=True))
-    cosine = sum(p * q for p, q in zip(a.orientation, b.orientation, strict=True))
+    (x, y, z), (p, q, r) = a.position, b.position
+    position = x + fraction * (p - x), y + fraction * (q - y), z + fraction * (r - z)
+    (c, d, e, v), (f, g, h, w) = a.orientation, b.orientation
+    cosine = c * f + d * g + e * h + v * w
     sign = math.copysign(1.0, cosine)
     angle = math.acos(min(1.0, abs(cosine)))
     if angle < 1e-6:
-        weight_a, weight_b = 1.0 - fraction, sign * fraction
+        begin, end = 1.0 - fraction, sign * fraction
     else:
-        weight_a = math.sin((1.0 - fraction) * angle) / math.sin(angle)
-        weight_b = sign * math.sin(fraction * angle) / math.sin(angle)
-    orientation = tuple(weight_a * p + weight_b * q for p, q in zip(a.orientation, b.orientation, strict=True))
-    norm = math.sqrt(sum(c * c for c in orientation))
-    return Pose(position, tuple(c / norm for c in orientation))
+        begin = math.sin((1.0 - fraction) * angle) / math.sin(angle)
+        end = sign * math.sin(fraction * angle) / math.sin(angle)
+    c, d, e, v = begin * c + end * f, begin * d + end * g, begin * e + end * h, begin * v + end * w
+    norm = math.sqrt(c * c + d * d + e * e + v * v)
+    return Pose(position, (c / norm, d / norm, e / norm, v / norm))

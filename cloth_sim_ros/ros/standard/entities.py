@@ -54,6 +54,8 @@ class Entities:
         if getattr(request, "set_twist", True):
             given = request.state.twist
             twist = np.array([[each.x, each.y, each.z] for each in (given.linear, given.angular)])
+            if not np.isfinite(twist).all():
+                raise Refusal(FAILED, f"the twist {twist.round(9).tolist()} is not finite; allowed are finite numbers")
             if request.state.header.frame_id not in ("", self._frames.ours) and twist.any():
                 raise Refusal(UNSUPPORTED, f"a twist is in {request.state.header.frame_id!r:.80}; allowed is our frame")
         if getattr(request, "set_acceleration", False):
@@ -174,6 +176,9 @@ def _read_bounds(bounds: Any) -> tuple[shapes.Box, float] | None:
     if len(bounds.points) != 2:
         raise Refusal(FAILED, f"bounds have {len(bounds.points)} points; allowed are 2")
     first, second = (np.array([p.x, p.y, p.z]) for p in bounds.points)
+    if not np.isfinite([first, second]).all() or bounds.type == SPHERE and second[0] < 0.0:
+        given = f"{first.tolist()} and {second.tolist()}"
+        raise Refusal(FAILED, f"the points of the bounds are {given}; allowed are finite ones, and no radius below 0")
     if bounds.type == SPHERE:
         return (first, first), float(second[0])
     return (np.minimum(first, second), np.maximum(first, second)), 0.0

@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.physics.quaternion import quaternion_product, unit_quater
 
 # Accelerations [m/s^2], [rad/s^2] beyond which velocities jump: nothing follows such a collider by friction anyway.
 _STEEPEST = np.array([20.0, 100.0])[:, None, None]
+_ENDS = ("start_position", "end_position", "start_orientation", "end_orientation")
 
 
 class Motions(LiveArray):
@@ -86,7 +87,7 @@ class Motions(LiveArray):
             return
         moved = self._moving | self._wanted
         motion, wanted = self.edit(), self._wanted
-        last, bends = motion[wanted], motion["bends"][wanted]
+        last, bends = [motion[field][wanted] for field in _ENDS], motion["bends"][wanted]
         motion["bends"][moved] = 0
         for part in ("position", "orientation"):
             motion[f"start_{part}"][moved] = motion[f"end_{part}"][moved]
@@ -95,8 +96,9 @@ class Motions(LiveArray):
         motion["end_orientation"][wanted] = np.where(backward, -goal, goal)
         motion["end_position"][wanted] = self._position[wanted]
         # All in few calls, as NumPy takes longer to be called than to compute so few rows.
-        found = _displacements(np.concatenate([last, motion[wanted]]))
-        before, now = found[:, : len(last)], found[:, len(last) :]
+        coming = [motion[field][wanted] for field in _ENDS]
+        found = _displacements(*(np.concatenate(each, dtype=np.float64) for each in zip(last, coming, strict=True)))
+        before, now = found[:, : len(bends)], found[:, len(bends) :]
         left = before - np.stack([bends["end"], bends["end_turn"]])
         starts, ends = _bends(now, before, left, _STEEPEST * frame_dt**2)
         for part, start, end in zip(("", "_turn"), starts, ends, strict=True):
@@ -106,18 +108,18 @@ class Motions(LiveArray):
         self.are_still = not self._moving.any()
 
 
-def _displacements(motion: np.ndarray) -> np.ndarray:
-    """Displacements [m], then rotation vectors [rad], (2, k, 3) of k rows in their frame, in world axes."""
-    x, y, z, w = motion["start_orientation"].astype(np.float64).T
-    start = np.column_stack([-x, -y, -z, w])
-    turn = quaternion_product(motion["end_orientation"].astype(np.float64), start)
+def _displacements(start: np.ndarray, end: np.ndarray, start_turn: np.ndarray, end_turn: np.ndarray) -> np.ndarray:
+    """Displacements [m], then rotation vectors [rad], (2, k, 3) of k rows in their frame, in world axes.
+
+    start, end: positions (k, 3) [m]. start_turn, end_turn: quaternions (k, 4) x y z w.
+    """
+    turn = quaternion_product(end_turn, start_turn * (-1.0, -1.0, -1.0, 1.0))
     turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
     sine = np.linalg.norm(turn[:, :3], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, turn[:, 3:])
     turned = turn[:, :3] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
-    still = (motion["start_orientation"] == motion["end_orientation"]).all(axis=1)
-    turned[still] = 0.0
-    return np.stack([motion["end_position"].astype(np.float64) - motion["start_position"], turned])
+    turned[(start_turn == end_turn).all(axis=1)] = 0.0
+    return np.stack([end - start, turned])
 
 
 def _bends(now: np.ndarray, before: np.ndarray, left: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

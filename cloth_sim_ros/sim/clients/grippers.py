@@ -81,7 +81,8 @@ class Gripper:
         """Poses of the fingers at an opening [m], by side."""
         away = 0.5 * (opening + self.finger_size[1])
         offsets = rotate(self.orientation, np.array([(0.0, way * away, 0.0) for way in SIDES.values()]))
-        places = np.asarray(self.position) + offsets
+        farthest = table.row(table.GRIPPER, "position").high  # where a gripper may be, with a finger beyond it
+        places = np.clip(np.asarray(self.position) + offsets, -farthest, farthest)
         return {side: (tuple(place.tolist()), self.orientation) for side, place in zip(SIDES, places, strict=True)}
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 from functools import partial
 from typing import Any
 
@@ -14,6 +15,7 @@ from shape_msgs.msg import Mesh
 from trimesh.creation import box, cylinder, icosphere
 from visualization_msgs.msg import Marker, MarkerArray
 
+from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.viewer.drawing import COLOURS, STEEL, Drawing
 from cloth_sim_ros.viewer.live.fittings import Fittings, hand
 from cloth_sim_ros.viewer.live.remote import Known, positions_of
@@ -22,6 +24,8 @@ from cloth_sim_ros.viewer.look import LINES
 SHOWN = 0.7  # of a cloth's thickness: layers that touch stay apart in the picture
 HAND = 0.03  # [m] size of a hand
 WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place of our ground
+MOST_MOVED = 3000  # vertices of a body that is moved by them
+_log = logging.getLogger(__name__)
 
 
 class LiveScene:
@@ -98,7 +102,7 @@ class LiveScene:
         place, turn = np.array([p.x, p.y, p.z]), Rotation.from_quat((q.x, q.y, q.z, q.w))
         if marker.id == 0:
             self.places[marker.ns] = place
-        shape = (marker.type, s.x, s.y, s.z, c.r, c.g, c.b, c.a)
+        shape = (marker.type, s.x, s.y, s.z, c.r, c.g, c.b, c.a, marker.mesh_resource, _sketch(marker.points))
         if self._shapes.get(name) != shape:
             if name in self.bodies:
                 self._remove(name)
@@ -119,9 +123,10 @@ class LiveScene:
         del self._shapes[name]
 
     def _make(self, name: str, marker: Marker) -> None:
-        """The body of a marker: a plane, cube, sphere or cylinder; a handle's has its name beside it.
+        """The body of a marker; a handle's has its name beside it.
 
-        But for a plane it is moved by its vertices, as cloths are, so that a browser shows both at the same time.
+        But for a plane and a large mesh it is moved by its vertices, as cloths are, so that a browser shows both at the
+        same time.
         """
         scene, s, c, path = self._server.scene, marker.scale, marker.color, f"/page/bodies/{name}"
         if marker.type == Marker.CUBE and s.x >= WIDE:
@@ -131,15 +136,15 @@ class LiveScene:
             return
         handle = marker.ns in self._known.names("handles")
         if handle and marker.type == Marker.SPHERE:  # whose colour says whether it holds
-            self._corners[name], faces = hand(HAND)
+            corners, faces = hand(HAND)
             c.a = 1.0
         else:
-            shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
-            unit = shapes.get(marker.type, partial(cylinder, 0.5, 1.0, sections=64))()
-            self._corners[name], faces = unit.vertices * (s.x, s.y, s.z), unit.faces
+            corners, faces = _surface(marker)
+        if len(corners) <= MOST_MOVED:
+            self._corners[name] = corners
         self.bodies[name] = scene.add_mesh_simple(
             path,
-            self._corners[name],
+            corners,
             faces,
             color=tuple(round(255 * share) for share in (c.r, c.g, c.b)),
             opacity=c.a if c.a < 1.0 else None,
@@ -148,6 +153,33 @@ class LiveScene:
         )
         if handle:
             self._labels[name] = scene.add_label(f"/page/labels/{name}", marker.ns, anchor="bottom-center")
+
+
+def _surface(marker: Marker) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) [m] and faces (F, 3) of a marker at the origin; none of a file that cannot be read."""
+    scale = (marker.scale.x, marker.scale.y, marker.scale.z)
+    points = np.array([(each.x, each.y, each.z) for each in marker.points]).reshape(-1, 3)
+    if marker.type == Marker.MESH_RESOURCE:
+        try:
+            vertices, faces = load_mesh(marker.mesh_resource, f"the mesh of {marker.ns}")
+        except ValueError as error:
+            _log.warning("cloth_sim_viewer: a collider is not drawn: %s", error)
+            return np.zeros((0, 3)), np.zeros((0, 3), int)
+        return vertices * scale, faces
+    if marker.type == Marker.TRIANGLE_LIST:
+        return points * scale, np.arange(len(points)).reshape(-1, 3)
+    if marker.type == Marker.CUBE_LIST:
+        unit = box(scale)
+        faces = unit.faces + len(unit.vertices) * np.arange(len(points))[:, None, None]
+        return (unit.vertices + points[:, None]).reshape(-1, 3), faces.reshape(-1, 3)
+    shapes = {Marker.CUBE: box, Marker.SPHERE: partial(icosphere, 4, 0.5)}
+    unit = shapes.get(marker.type, partial(cylinder, 0.5, 1.0, sections=64))()
+    return unit.vertices * scale, unit.faces
+
+
+def _sketch(points: list) -> tuple:
+    """How many points there are and some of them, by which another list of them is known at little cost."""
+    return len(points), *((each.x, each.y, each.z) for each in points[:: 1 + len(points) // 8])
 
 
 def _held(name: str) -> str:

@@ -17,6 +17,7 @@ from test_inputs import pose, wind
 
 from cloth_sim_ros.ros.inputs.frames import Frames, Refused
 from cloth_sim_ros.ros.inputs.messages import read_pose, read_wind
+from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.world import World
 
 RATE = 200.0  # Hz, of transforms
@@ -111,6 +112,29 @@ def test_a_collider_goes_with_its_frame_and_what_is_late_is_told(caplog):
     for _ in range(3):
         world.advance()
     assert caplog.text.count("ball stays where it is: frame 'moon' cannot be told in 'world'") == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "turn", "words"),
+    [
+        ((1.0e5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), "its position (100000, 0, 0) is beyond 10000 m"),
+        ((float("nan"), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), "its position (nan, 0, 0) is not finite"),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), "its orientation (0, 0, 0, 0) has norm 0, but must be of unit norm"),
+    ],
+)
+def test_a_frame_that_is_nowhere_leaves_things_where_they_are(caplog, place, turn, words):
+    frames = Frames("world")
+    world = World(values(device="cpu"), logging.getLogger("test"), frames)
+    assert world.build(world.values)
+    world.set_live("ball.follow_frame", "hand", world.values)
+    before = world.sim.get("ball.position")
+    for k in range(3):
+        frames.links = {"hand": (1.0 + k / 60, Pose(place, turn))}
+        world.advance()
+    assert caplog.text.count(f"ball stays where it is: {words}") == 1 and world.sim.get("ball.position") == before
+    frames.links = {"hand": (2.0, Pose((3.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))}
+    world.advance()
+    assert world.sim.get("ball.position") == (3.0, 0.0, 1.0)
 
 
 def test_without_tf_a_foreign_frame_is_refused():

@@ -386,6 +386,9 @@ def test_colliders_and_empty_hands_are_placed_at_once(caller):
     bad = Pose()
     bad.position.x = float("nan")
     caller.calls(caller.entities.set_state, code=101, entity="crate", state=state(bad))
+    spun = state(twist=Twist(angular=Vector3(z=float("inf"))))
+    found = caller.calls(caller.entities.set_state, code=replies.FAILED, entity="cloth", state=spun)
+    assert "the twist [[0.0, 0.0, 0.0], [0.0, 0.0, inf]] is not finite" in found.result.error_message
 
 
 def test_infos_bounds_and_filters(caller):
@@ -419,13 +422,17 @@ def test_infos_bounds_and_filters(caller):
     assert caller.names(bounds=SimpleNamespace(type=SPHERE, points=ball)) == ["cloth", "ground"]
     box = [Vector3(x=1.0, y=1.0, z=1.0), Vector3(x=0.4, y=-1.0, z=-0.1)]
     assert caller.names(bounds=SimpleNamespace(type=BOX, points=box)) == ["line", "ground", "crate"]
-    caller.calls(
-        caller.entities.get_all,
-        code=replies.UNSUPPORTED,
-        filters=SimpleNamespace(
-            categories=[], tags=tags(filter_mode=0), bounds=SimpleNamespace(type=2, points=[]), filter=""
-        ),
-    )
+    nan, minus, none = Vector3(x=float("nan")), Vector3(x=-1.0), Vector3()
+    for kind, points, code in (
+        (2, [none] * 3, replies.UNSUPPORTED),
+        (BOX, [none], replies.FAILED),
+        (BOX, [none, nan], replies.FAILED),
+        (SPHERE, [nan, none], replies.FAILED),
+        (SPHERE, [none, minus], replies.FAILED),
+    ):
+        filters = {"categories": [], "tags": tags(filter_mode=0), "filter": ""}
+        filters = SimpleNamespace(bounds=SimpleNamespace(type=kind, points=points), **filters)
+        caller.calls(caller.entities.get_all, code=code, filters=filters)
 
 
 def test_regular_expressions_are_of_posix_and_end():

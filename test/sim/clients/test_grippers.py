@@ -173,3 +173,11 @@ def test_what_cannot_be_squeezed_is_told(device):
         sim.squeeze("it", 1.0, 0.0)
     with pytest.raises(ValueError, match="the load of hand_left is -1"):
         sim.squeeze("hand_left", -1.0, 0.0)
+
+
+def test_it_may_be_as_far_away_as_anything_may(device):
+    sim, driver = hand(device, WAYS[0], position=(0.0, 1e4, 0.0))
+    driver.move((0.0, -1e4, 0.0))
+    driver.advance(sim)
+    sim.step()
+    assert (sim.get("hand_left.position")[1], sim.get("hand_right.position")[1]) == (-1e4 + 0.025, -1e4)
