@@ -30,7 +30,9 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_ro
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 RATIO = wp.constant(100.0)  # R
+OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
+WHOLE = wp.constant(0.1)  # load of a segment's neighbour, as a fraction of its own, that counts as a whole one
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
@@ -114,28 +116,34 @@ def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.
 
 
 @wp.func
-def _touched(k: int, c: int, ctx: Context) -> bool:
-    """Return True if collider c touched segment k in the last substep."""
+def _load_on(k: int, c: int, ctx: Context) -> float:
+    """Return the force [N] by which collider c pressed segment k in the last substep."""
     if k < 0 or k + 1 >= ctx.body.count:
-        return False
-    return ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c].when >= ctx.substep - 1
+        return 0.0
+    press = ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c]
+    return wp.where(press.when >= ctx.substep - 1, wp.max(press.so_far[3], 0.0), 0.0)
+
+
+@wp.func
+def _along_segment(mu: float, turn: float, pressed: float) -> float:
+    """Return the coefficient of a segment whose rope turns by `turn` [rad]; pressed: how many neighbours are, too."""
+    alone = along_corner(mu, turn)
+    return wp.where(pressed < 1.0, wp.lerp(alone, mu, pressed), wp.lerp(mu, along_side(mu, turn), pressed - 1.0))
 
 
 @wp.func
 def friction_between(k: int, c: int, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
 
-    If both of its neighbours touched it too, the segment stands for the curve between them; if none did, for a corner.
-    It holds while the rope is solved. The stage behind changes what neighbours touched last.
+    If both of its neighbours are pressed too, the segment stands for the curve between them; if none is, for a corner.
+    One that hardly is counts in part. A jump as it lifts off would shake the rope, and lift it off again.
+    It holds while the rope is solved. The stage behind changes how neighbours were pressed last.
     """
     mu, place = rubs(ctx.colliders[c], ctx), ctx.body.particles + k
     turn = ctx.state.rope.half_turns[place] + ctx.state.rope.half_turns[place + 1]
-    before, after = _touched(k - 1, c, ctx), _touched(k + 1, c, ctx)
-    if before and after:
-        return wp.vec2(along_side(mu[0], turn), along_side(mu[1], turn))
-    if before or after:
-        return mu
-    return wp.vec2(along_corner(mu[0], turn), along_corner(mu[1], turn))
+    load = wp.max(WHOLE * _load_on(k, c, ctx), 1.0e-20)
+    pressed = wp.min(_load_on(k - 1, c, ctx) / load, 1.0) + wp.min(_load_on(k + 1, c, ctx) / load, 1.0)
+    return wp.vec2(_along_segment(mu[0], turn, pressed), _along_segment(mu[1], turn, pressed))
 
 
 @wp.func
@@ -252,12 +260,22 @@ def _moved_at(corners: wp.vec3i, point: wp.vec2, ctx: Context) -> wp.vec3:
     return point[0] * first + point[1] * (xyz(load4(ctx.d, corners[1])) - ctx.state.rope.starts[b])
 
 
+@wp.func
+def _solved_between(k: int, ctx: Context) -> wp.vec3:
+    """Return the correction [kg m] of segment k by colliders as the last solve left it."""
+    place, corners = ctx.body.segments + k, corners_of(ctx.body.panels + k, ctx)
+    moved = _moved_at(corners, ctx.state.rope.segment_points[place], ctx)
+    return ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
+
+
 def make_lean_between(features: Features):
     """Return a Warp function that finds what a collider does to segment k between its particles.
 
-    It returns True if a contact is open that acts within the solve, or closed and does not act. Then the rope is solved
-    once more from where it is now, a step of a semi-smooth Newton method (Alart and Curnier 1991). With `writes` the
-    next solve takes what is found. Where several colliders touch a segment, only the one that presses most acts.
+    It returns True if a contact is open that acts within the solve, or closed and does not act, or if its friction is
+    off. Then the rope is solved once more from where it is now, a step of a semi-smooth Newton method (Alart and
+    Curnier 1991). A solve takes the friction that belongs to the pressure before it. Left so, it would depend on how
+    fast the rope comes nearer, by R, and shake a rope that slides. With `writes` the next solve takes what is found.
+    Where several colliders touch a segment, only the one that presses most acts.
     """
     meet = make_ccd(features.shapes)
 
@@ -265,7 +283,8 @@ def make_lean_between(features: Features):
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        kept, acted, best = int(-1), bool(False), Press()
+        kept, acted, off, best = int(-1), bool(False), bool(False), Press()
+        solved = _solved_between(k, ctx)
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
@@ -298,6 +317,8 @@ def make_lean_between(features: Features):
                     kept, best = entry, press
                     best.lean = pack(n, found[3])
                     best.friction = friction
+                    change = push - solved
+                    off = wp.length(change - wp.dot(change, n) * n) > OFF * friction[0] * pressed / w
             c = next_of(c, near, False)
         if writes:  # the solve counts moves from `starts`
             ctx.state.rope.segment_pushes[place] = push + hold * _moved_at(corners, point, ctx)
@@ -307,7 +328,7 @@ def make_lean_between(features: Features):
                 ctx.state.contact.presses[kept].lean = best.lean
                 ctx.state.contact.presses[kept].leaned = best.weights
                 ctx.state.contact.presses[kept].friction = best.friction
-        return acted != (kept >= 0)
+        return off or acted != (kept >= 0)
 
     return lean_between
 
