@@ -32,7 +32,6 @@ from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 RATIO = wp.constant(100.0)  # R
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
-WHOLE = wp.constant(0.1)  # load of a segment's neighbour, as a fraction of its own, that counts as a whole one
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
@@ -90,18 +89,6 @@ def along_corner(mu: float, half_turn: float) -> float:
 
 
 @wp.func
-def along_side(mu: float, turn: float) -> float:
-    """Return the same for a segment that is pressed in its middle, between others that are pressed as well.
-
-    turn: from the middle of the rope's turn at one end to the middle of that at the other. Equal ratios of tensions
-    from segment to segment give r (1 + m r tan(t/2) + tan(t/2)^2) = m tan(t/2) with r = tanh(mu t/2).
-    """
-    if turn < 1.0e-3:
-        return mu
-    return wp.sinh(mu * turn) / wp.sin(wp.min(turn, 1.5))
-
-
-@wp.func
 def rubs(collider: ColliderMotion, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of a body on a collider."""
     static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
@@ -125,25 +112,42 @@ def _load_on(k: int, c: int, ctx: Context) -> float:
 
 
 @wp.func
-def _along_segment(mu: float, turn: float, pressed: float) -> float:
-    """Return the coefficient of a segment whose rope turns by `turn` [rad]; pressed: how many neighbours are, too."""
-    alone = along_corner(mu, turn)
-    return wp.where(pressed < 1.0, wp.lerp(alone, mu, pressed), wp.lerp(mu, along_side(mu, turn), pressed - 1.0))
+def along_segment(mu: float, turn: float, lever: float) -> float:
+    """Return the coefficient with which a segment that is pressed at one point rubs as the curve that it stands for.
+
+    turn: of that curve [rad]. lever: weight of the end with less tension over that of the other, of the point. The
+    forces on both ends have the ratio exp(mu turn) and, by their moments about the point, the angles to the segment
+    a and turn - a.
+    """
+    if turn < 1.0e-3:
+        return mu
+    ratio, within = wp.exp(mu * turn), wp.min(turn, 1.5)
+    a = wp.atan2(wp.sin(within), ratio * lever + wp.cos(within))
+    rubbed = ratio * wp.cos(a) - wp.cos(within - a)
+    return wp.max(rubbed, 0.0) / (ratio * wp.sin(a) + wp.sin(within - a))
 
 
 @wp.func
-def friction_between(k: int, c: int, ctx: Context) -> wp.vec2:
+def _turn_beside(k: int, beside: int, i: int, c: int, ctx: Context) -> float:
+    """Return the part of a rope's turn at particle i [rad] for which segment k stands, not the one `beside` it."""
+    turn = 2.0 * ctx.state.rope.half_turns[ctx.body.particles + i]
+    load, other = _load_on(k, c, ctx), _load_on(beside, c, ctx)
+    return wp.where(other > 0.0, turn * load / wp.max(load + other, 1.0e-20), turn)
+
+
+@wp.func
+def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
 
-    If both of its neighbours are pressed too, the segment stands for the curve between them; if none is, for a corner.
-    One that hardly is counts in part. A jump as it lifts off would shake the rope, and lift it off again.
-    It holds while the rope is solved. The stage behind changes how neighbours were pressed last.
+    weights: of the point that is pressed. forward: above 0 if friction acts towards its end. A neighbour that is
+    pressed too takes its part of the turn between them, without a jump as it lifts off: that would shake the rope. It
+    holds while the rope is solved. The stage behind changes how neighbours were pressed last.
     """
-    mu, place = rubs(ctx.colliders[c], ctx), ctx.body.particles + k
-    turn = ctx.state.rope.half_turns[place] + ctx.state.rope.half_turns[place + 1]
-    load = wp.max(WHOLE * _load_on(k, c, ctx), 1.0e-20)
-    pressed = wp.min(_load_on(k - 1, c, ctx) / load, 1.0) + wp.min(_load_on(k + 1, c, ctx) / load, 1.0)
-    return wp.vec2(_along_segment(mu[0], turn, pressed), _along_segment(mu[1], turn, pressed))
+    mu = rubs(ctx.colliders[c], ctx)
+    turn = _turn_beside(k, k - 1, k, c, ctx) + _turn_beside(k, k + 1, k + 1, c, ctx)
+    lever = wp.clamp((weights[1] + weights[2]) / wp.max(weights[0], 1.0e-3), 0.5, 2.0)
+    lever = wp.where(forward > 0.0, lever, 1.0 / lever)
+    return wp.vec2(along_segment(mu[0], turn, lever), along_segment(mu[1], turn, lever))
 
 
 @wp.func
@@ -304,7 +308,7 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                friction = friction_between(k, c, ctx)
+                friction = friction_between(k, c, press.weights, wp.dot(before - RATIO * slip, facet.b - facet.a), ctx)
                 found = augmented(before, met, slip, wp.length(p), softness, friction)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
