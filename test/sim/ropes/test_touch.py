@@ -176,11 +176,15 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(device,
     assert strain.max() < 1.1 * pull[-2] / 1.5e4
 
 
-@pytest.mark.parametrize(("on_drum", "mu", "substeps"), [(5, 0.3, 0), (6, 0.3, 20), (6, 0.1, 0), (8, 0.3, 0)])
-def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, substeps):
+@pytest.mark.parametrize(
+    ("on_drum", "mu", "substeps", "ripple"),
+    [(5, 0.3, 0, 0.05), (6, 0.3, 20, 0.05), (6, 0.1, 0, 0.05), (8, 0.3, 300, 0.1)],
+)
+def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, substeps, ripple):
     """The held end has exp(mu pi) times the tension of a load, with 5 segments on the half turn or more.
 
-    It had up to 9 times that, as friction in the solve followed how fast a segment came nearer, not its pressure.
+    It had up to 9 times that, as friction in the solve followed how fast a segment came nearer, not its pressure; and
+    3 times that at 300 substeps, where rounding of gaps pressed.
     """
     radius, load, hanging = 0.05, 0.3, 4
     rubs = {"static_friction": mu, "kinetic_friction": mu}
@@ -207,7 +211,7 @@ def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, subs
         sim.step()
         pulls.append(sim.tensions("rope")[0])
     held = np.array(pulls[60:], dtype=float)
-    assert np.ptp(held) < 0.05 * held.mean()
+    assert np.ptp(held) < ripple * held.mean()
     assert held.mean() == pytest.approx(np.exp(mu * np.pi) * G * load, rel=0.03)
 
 

@@ -28,31 +28,41 @@ from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+from cloth_sim_ros.sim.physics.integrate import Step
 
-RATIO = wp.constant(100.0)  # R
+RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
+# In a shorter one R falls with its square. A rounding error of a gap then makes the same force, not ever more.
+SHORT = wp.constant(1.0e-4)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
 @wp.func
-def ratio_along(softness: float) -> float:
-    """Return R along the normal of a collider; softness: its compliance over the point's inverse mass x h^2."""
-    return RATIO / (1.0 + RATIO * softness)
+def ratio_of(step: Step) -> float:
+    """Return R in a substep."""
+    share = wp.min(step.effective / SHORT, 1.0)
+    return RATIO * share * share
 
 
 @wp.func
-def slope_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
+def ratio_along(ratio: float, softness: float) -> float:
+    """Return R along the normal of a collider; softness: its compliance over the point's inverse mass x h^2."""
+    return ratio / (1.0 + ratio * softness)
+
+
+@wp.func
+def slope_of(n: wp.vec3, ratio: float, softness: float, state: float, p: wp.vec3) -> wp.mat33:
     """Return by how much a correction p [m] falls while the solve moves its point by a metre in each direction.
 
-    state: of the contact, see `augmented`.
+    ratio: R. state: of the contact, see `augmented`.
     """
     along, rub = wp.outer(n, n), p - wp.dot(p, n) * n
     across, rubbed = wp.identity(n=3, dtype=float) - along, state - 1.0
     if state >= SLIDES:
         rubbed = state - SLIDES
         across -= wp.outer(rub, rub) / wp.max(wp.length_sq(rub), 1.0e-30)
-    return ratio_along(softness) * along + (RATIO * rubbed) * across
+    return ratio_along(ratio, softness) * along + (ratio * rubbed) * across
 
 
 @wp.func
@@ -156,6 +166,7 @@ def augmented(
     met: wp.vec4,
     slip: wp.vec3,
     size: float,
+    ratio: float,
     softness: float,
     friction: wp.vec2,
 ) -> wp.vec4:
@@ -164,16 +175,16 @@ def augmented(
     The state is 2 where it sticks, and less where it slides; from SLIDES on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
-    the collider's origin [m]. All are in the collider's axes. friction: coefficients, static and kinetic.
+    the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
-    pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
+    pressed = (wp.dot(before, n) / ratio - gap) * ratio_along(ratio, softness)
     # What may be rounding does not part the point from the collider, nor let it slide before it is loaded.
-    slack = RATIO * ROUNDING * size
+    slack = ratio * ROUNDING * size
     if pressed < -slack:
         return wp.vec4(0.0)
-    rub, cone = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
+    rub, cone = (before - wp.dot(before, n) * n) - ratio * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
     most = friction[0] * cone
     if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
         most = slack
@@ -232,12 +243,13 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                found = augmented(before, met, slip, wp.length(offset), softness, friction_of(collider, turn, ctx))
+                ratio, friction = ratio_of(ctx.step), friction_of(collider, turn, ctx)
+                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
-                    hold += slope_of(n, softness, found[3], back * xyz(found))
+                    hold += slope_of(n, ratio, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
                     ctx.state.contact.leans[entry] = pack(n, found[3])
@@ -287,8 +299,8 @@ def make_lean_between(features: Features):
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
+        ratio, solved = ratio_of(ctx.step), _solved_between(k, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
-        solved = _solved_between(k, ctx)
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
@@ -308,15 +320,15 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                friction = friction_between(k, c, press.weights, wp.dot(before - RATIO * slip, facet.b - facet.a), ctx)
-                found = augmented(before, met, slip, wp.length(p), softness, friction)
+                friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
+                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
                 if found[3] > 0.0 and w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
-                    hold = (1.0 / w) * slope_of(n, softness, found[3], push)
+                    hold = (1.0 / w) * slope_of(n, ratio, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     kept, best = entry, press
                     best.lean = pack(n, found[3])
