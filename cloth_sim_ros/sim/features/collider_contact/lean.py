@@ -28,30 +28,41 @@ from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+from cloth_sim_ros.sim.physics.integrate import Step
 
-RATIO = wp.constant(100.0)  # R
+RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
+# In a shorter one R falls with its square. A rounding error of a gap then makes the same force, not ever more.
+SHORT = wp.constant(1.0e-4)
+OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
 @wp.func
-def ratio_along(softness: float) -> float:
-    """Return R along the normal of a collider; softness: its compliance over the point's inverse mass x h^2."""
-    return RATIO / (1.0 + RATIO * softness)
+def ratio_of(step: Step) -> float:
+    """Return R in a substep."""
+    share = wp.min(step.effective / SHORT, 1.0)
+    return RATIO * share * share
 
 
 @wp.func
-def slope_of(n: wp.vec3, softness: float, state: float, p: wp.vec3) -> wp.mat33:
+def ratio_along(ratio: float, softness: float) -> float:
+    """Return R along the normal of a collider; softness: its compliance over the point's inverse mass x h^2."""
+    return ratio / (1.0 + ratio * softness)
+
+
+@wp.func
+def slope_of(n: wp.vec3, ratio: float, softness: float, state: float, p: wp.vec3) -> wp.mat33:
     """Return by how much a correction p [m] falls while the solve moves its point by a metre in each direction.
 
-    state: of the contact, see `augmented`.
+    ratio: R. state: of the contact, see `augmented`.
     """
     along, rub = wp.outer(n, n), p - wp.dot(p, n) * n
     across, rubbed = wp.identity(n=3, dtype=float) - along, state - 1.0
     if state >= SLIDES:
         rubbed = state - SLIDES
         across -= wp.outer(rub, rub) / wp.max(wp.length_sq(rub), 1.0e-30)
-    return ratio_along(softness) * along + (RATIO * rubbed) * across
+    return ratio_along(ratio, softness) * along + (ratio * rubbed) * across
 
 
 @wp.func
@@ -88,18 +99,6 @@ def along_corner(mu: float, half_turn: float) -> float:
 
 
 @wp.func
-def along_side(mu: float, turn: float) -> float:
-    """Return the same for a segment that is pressed in its middle, between others that are pressed as well.
-
-    turn: from the middle of the rope's turn at one end to the middle of that at the other. Equal ratios of tensions
-    from segment to segment give r (1 + m r tan(t/2) + tan(t/2)^2) = m tan(t/2) with r = tanh(mu t/2).
-    """
-    if turn < 1.0e-3:
-        return mu
-    return wp.sinh(mu * turn) / wp.sin(wp.min(turn, 1.5))
-
-
-@wp.func
 def rubs(collider: ColliderMotion, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of a body on a collider."""
     static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
@@ -114,28 +113,51 @@ def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.
 
 
 @wp.func
-def _touched(k: int, c: int, ctx: Context) -> bool:
-    """Return True if collider c touched segment k in the last substep."""
+def _load_on(k: int, c: int, ctx: Context) -> float:
+    """Return the force [N] by which collider c pressed segment k in the last substep."""
     if k < 0 or k + 1 >= ctx.body.count:
-        return False
-    return ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c].when >= ctx.substep - 1
+        return 0.0
+    press = ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c]
+    return wp.where(press.when >= ctx.substep - 1, wp.max(press.so_far[3], 0.0), 0.0)
 
 
 @wp.func
-def friction_between(k: int, c: int, ctx: Context) -> wp.vec2:
+def along_segment(mu: float, turn: float, lever: float) -> float:
+    """Return the coefficient with which a segment that is pressed at one point rubs as the curve that it stands for.
+
+    turn: of that curve [rad]. lever: weight of the end with less tension over that of the other, of the point. The
+    forces on both ends have the ratio exp(mu turn) and, by their moments about the point, the angles to the segment
+    a and turn - a.
+    """
+    if turn < 1.0e-3:
+        return mu
+    ratio, within = wp.exp(mu * turn), wp.min(turn, 1.5)
+    a = wp.atan2(wp.sin(within), ratio * lever + wp.cos(within))
+    rubbed = ratio * wp.cos(a) - wp.cos(within - a)
+    return wp.max(rubbed, 0.0) / (ratio * wp.sin(a) + wp.sin(within - a))
+
+
+@wp.func
+def _turn_beside(k: int, beside: int, i: int, c: int, ctx: Context) -> float:
+    """Return the part of a rope's turn at particle i [rad] for which segment k stands, not the one `beside` it."""
+    turn = 2.0 * ctx.state.rope.half_turns[ctx.body.particles + i]
+    load, other = _load_on(k, c, ctx), _load_on(beside, c, ctx)
+    return wp.where(other > 0.0, turn * load / wp.max(load + other, 1.0e-20), turn)
+
+
+@wp.func
+def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Context) -> wp.vec2:
     """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
 
-    If both of its neighbours touched it too, the segment stands for the curve between them; if none did, for a corner.
-    It holds while the rope is solved. The stage behind changes what neighbours touched last.
+    weights: of the point that is pressed. forward: above 0 if friction acts towards its end. A neighbour that is
+    pressed too takes its part of the turn between them, without a jump as it lifts off: that would shake the rope. It
+    holds while the rope is solved. The stage behind changes how neighbours were pressed last.
     """
-    mu, place = rubs(ctx.colliders[c], ctx), ctx.body.particles + k
-    turn = ctx.state.rope.half_turns[place] + ctx.state.rope.half_turns[place + 1]
-    before, after = _touched(k - 1, c, ctx), _touched(k + 1, c, ctx)
-    if before and after:
-        return wp.vec2(along_side(mu[0], turn), along_side(mu[1], turn))
-    if before or after:
-        return mu
-    return wp.vec2(along_corner(mu[0], turn), along_corner(mu[1], turn))
+    mu = rubs(ctx.colliders[c], ctx)
+    turn = _turn_beside(k, k - 1, k, c, ctx) + _turn_beside(k, k + 1, k + 1, c, ctx)
+    lever = wp.clamp((weights[1] + weights[2]) / wp.max(weights[0], 1.0e-3), 0.5, 2.0)
+    lever = wp.where(forward > 0.0, lever, 1.0 / lever)
+    return wp.vec2(along_segment(mu[0], turn, lever), along_segment(mu[1], turn, lever))
 
 
 @wp.func
@@ -144,6 +166,7 @@ def augmented(
     met: wp.vec4,
     slip: wp.vec3,
     size: float,
+    ratio: float,
     softness: float,
     friction: wp.vec2,
 ) -> wp.vec4:
@@ -152,16 +175,16 @@ def augmented(
     The state is 2 where it sticks, and less where it slides; from SLIDES on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
-    the collider's origin [m]. All are in the collider's axes. friction: coefficients, static and kinetic.
+    the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
-    pressed = (wp.dot(before, n) / RATIO - gap) * ratio_along(softness)
+    pressed = (wp.dot(before, n) / ratio - gap) * ratio_along(ratio, softness)
     # What may be rounding does not part the point from the collider, nor let it slide before it is loaded.
-    slack = RATIO * ROUNDING * size
+    slack = ratio * ROUNDING * size
     if pressed < -slack:
         return wp.vec4(0.0)
-    rub, cone = (before - wp.dot(before, n) * n) - RATIO * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
+    rub, cone = (before - wp.dot(before, n) * n) - ratio * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
     most = friction[0] * cone
     if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
         most = slack
@@ -220,12 +243,13 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                found = augmented(before, met, slip, wp.length(offset), softness, friction_of(collider, turn, ctx))
+                ratio, friction = ratio_of(ctx.step), friction_of(collider, turn, ctx)
+                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
-                    hold += slope_of(n, softness, found[3], back * xyz(found))
+                    hold += slope_of(n, ratio, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
                     ctx.state.contact.leans[entry] = pack(n, found[3])
@@ -252,12 +276,22 @@ def _moved_at(corners: wp.vec3i, point: wp.vec2, ctx: Context) -> wp.vec3:
     return point[0] * first + point[1] * (xyz(load4(ctx.d, corners[1])) - ctx.state.rope.starts[b])
 
 
+@wp.func
+def _solved_between(k: int, ctx: Context) -> wp.vec3:
+    """Return the correction [kg m] of segment k by colliders as the last solve left it."""
+    place, corners = ctx.body.segments + k, corners_of(ctx.body.panels + k, ctx)
+    moved = _moved_at(corners, ctx.state.rope.segment_points[place], ctx)
+    return ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
+
+
 def make_lean_between(features: Features):
     """Return a Warp function that finds what a collider does to segment k between its particles.
 
-    It returns True if a contact is open that acts within the solve, or closed and does not act. Then the rope is solved
-    once more from where it is now, a step of a semi-smooth Newton method (Alart and Curnier 1991). With `writes` the
-    next solve takes what is found. Where several colliders touch a segment, only the one that presses most acts.
+    It returns True if a contact is open that acts within the solve, or closed and does not act, or if its friction is
+    off. Then the rope is solved once more from where it is now, a step of a semi-smooth Newton method (Alart and
+    Curnier 1991). A solve takes the friction that belongs to the pressure before it. Left so, it would depend on how
+    fast the rope comes nearer, by R, and shake a rope that slides. With `writes` the next solve takes what is found.
+    Where several colliders touch a segment, only the one that presses most acts.
     """
     meet = make_ccd(features.shapes)
 
@@ -265,7 +299,8 @@ def make_lean_between(features: Features):
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        kept, acted, best = int(-1), bool(False), Press()
+        ratio, solved = ratio_of(ctx.step), _solved_between(k, ctx)
+        kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
@@ -285,19 +320,21 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                friction = friction_between(k, c, ctx)
-                found = augmented(before, met, slip, wp.length(p), softness, friction)
+                friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
+                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
                 if found[3] > 0.0 and w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
-                    hold = (1.0 / w) * slope_of(n, softness, found[3], push)
+                    hold = (1.0 / w) * slope_of(n, ratio, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     kept, best = entry, press
                     best.lean = pack(n, found[3])
                     best.friction = friction
+                    change = push - solved
+                    off = wp.length(change - wp.dot(change, n) * n) > OFF * friction[0] * pressed / w
             c = next_of(c, near, False)
         if writes:  # the solve counts moves from `starts`
             ctx.state.rope.segment_pushes[place] = push + hold * _moved_at(corners, point, ctx)
@@ -307,7 +344,7 @@ def make_lean_between(features: Features):
                 ctx.state.contact.presses[kept].lean = best.lean
                 ctx.state.contact.presses[kept].leaned = best.weights
                 ctx.state.contact.presses[kept].friction = best.friction
-        return acted != (kept >= 0)
+        return off or acted != (kept >= 0)
 
     return lean_between
 

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, slope_of
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, ratio_of, settled, slope_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -171,7 +171,8 @@ def _make_before(features: Features):
                 u = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
                 softness = met.colliders[c].compliance * ctx.step.inverse_square / w
                 to_local = met.sweeps[met.first_sweep + c].to_local
-                hold = slope_of(xyz(leaned), softness, leaned[3], wp.transpose(to_local) * before)
+                local = wp.transpose(to_local) * before
+                hold = slope_of(xyz(leaned), ratio_of(ctx.step), softness, leaned[3], local)
                 before -= to_local * (hold * u)
         elif not ctx.step.first:
             before = xyz(load_row(met.contacts, entry))
