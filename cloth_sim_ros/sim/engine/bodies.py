@@ -426,12 +426,14 @@ class Bodies:
             if batch.measurement is not None:
                 b = batch.index[name]
                 error = batch.error(b)[1] or choice.error
-                found[name] = replace(choice, substeps=batch.substeps(b), error=error)
+                substeps, reason = batch.substeps(b), choice.reason
+                if substeps < choice.least:
+                    reason += f"; contact leaves it {substeps} of the {choice.least} substeps that its stiffness takes"
                 if batch.falls_short(b, self.settings.error) and not self.settings.substeps:
                     missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
-                    more = "; the budget allows no more substeps, so " + missed
-                    more += "; a larger solver.budget or solver.error helps"
-                    found[name] = replace(found[name], reason=choice.reason + more)
+                    reason += "; the budget allows no more substeps, so " + missed
+                    reason += "; a larger solver.budget or solver.error helps"
+                found[name] = replace(choice, substeps=substeps, error=error, reason=reason)
         return found
 
     def one(self, world: int) -> int:

@@ -48,6 +48,8 @@ def test_contact_takes_its_share_of_the_budget():
     assert taken[0] == choice.most
     assert taken[-1] < 0.75 * choice.most
     assert min(taken) >= choice.fewest
+    left = f"contact leaves it {choice.substeps} of the {choice.least} substeps that its stiffness takes"
+    assert choice.substeps < choice.least and left in choice.reason
     assert choice.error > 1e-5 and "the budget allows no more substeps" in choice.reason
 
 
