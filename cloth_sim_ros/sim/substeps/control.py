@@ -162,8 +162,10 @@ def order_of(fine: float, coarse: float) -> float:
 def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
     """Substeps that the budget pays if each has as many searches for contact as those `since` the last measurement.
 
-    They stay at n if frames are computed again, as that costs more, and fall slowly.
+    They stay at n if frames are computed again, as that costs more, and fall slowly. What slept has not met anything.
     """
+    if since[1] == 0:
+        return n
     searches = float(since[2]) / float(wp.max(since[1], 1))
     pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.search * searches)))
     return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))

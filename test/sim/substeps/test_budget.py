@@ -132,3 +132,12 @@ def test_a_sheet_without_contact_is_as_stiff_as_it_is_set_at_once():
     for _ in range(2):
         assert sim.choices["it"].substeps >= sim.choices["it"].least
         sim.step()
+
+
+def test_what_sleeps_in_contact_does_not_wake_with_more_than_the_budget_pays():
+    sim = on_a_box(error=1e-5, budget=0.1)
+    sim.step(20)
+    before = sim.choices["it"]
+    assert before.substeps < before.least
+    sim.device_arrays("it", writes=False)[0].state.control.asleep.fill_(1)
+    assert max(substeps_taken(sim, 15)) <= before.substeps
