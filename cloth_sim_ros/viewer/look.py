@@ -8,7 +8,9 @@ import viser
 
 BRAND = (46, 112, 176)
 FIELD_OF_VIEW = 0.7  # [rad]
-NARROW = 600  # width of a window [px] below which the panel covers its lower half
+# Width over height of a window below which the panel covers its lower half, as on a phone upright. Its width alone
+# tells nothing, as phones have up to three pixels where a desktop has one.
+NARROW = 0.7
 RAISED, FARTHER = 0.2, 1.8  # there the scene stands higher, by this share of the window, and farther away
 
 
@@ -49,9 +51,10 @@ def look_from(server: viser.ViserServer, position: tuple, at: tuple) -> None:
 def _frame(client: viser.ClientHandle, position: tuple, at: tuple) -> None:
     """Puts the camera of one client; in a narrow window what it looks at stands above the panel."""
     position, at = np.asarray(position, dtype=float), np.asarray(at, dtype=float)
-    if client.camera.image_width < NARROW:
+    if client.camera.image_width < NARROW * client.camera.image_height:
         way = FARTHER * (at - position)
         across = np.cross(way, (0.0, 0.0, 1.0))
+        across = across if across.any() else np.array((1.0, 0.0, 0.0))  # straight down or up
         up = np.cross(across, way)
         down = -2.0 * RAISED * np.tan(0.5 * FIELD_OF_VIEW) * np.linalg.norm(way) * up / np.linalg.norm(up)
         position, at = at - way + down, at + down

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The camera of a narrow window: what it looks at stands above the panel, which covers the lower half."""
+"""Where the camera of a visitor is put, in windows of different shapes."""
 
 from types import SimpleNamespace
 
@@ -8,34 +8,28 @@ import pytest
 
 from cloth_sim_ros.viewer.look import FIELD_OF_VIEW, look_from
 
-POSITION, AT = np.array((1.0, -2.0, 1.5)), np.array((0.1, 0.2, 0.3))
+
+def put(width, height, position, at=(0.0, 0.0, 0.5)):
+    """The camera of a window of this many pixels, after it was told to look from `position` at `at` [m]."""
+    camera = SimpleNamespace(image_width=width, image_height=height)
+    client = SimpleNamespace(camera=camera)
+    look_from(SimpleNamespace(initial_camera=SimpleNamespace(), get_clients=lambda: {0: client}), position, at)
+    return camera
 
 
-def framed(width):
-    """Camera of a client whose window is as wide, after look_from."""
-    client = SimpleNamespace(camera=SimpleNamespace(image_width=width, position=None, look_at=None))
-    server = SimpleNamespace(initial_camera=SimpleNamespace(), get_clients=lambda: {0: client})
-    look_from(server, tuple(POSITION), tuple(AT))
-    return client.camera
+@pytest.mark.parametrize("size", [(1600, 900), (900, 1000)])
+def test_in_a_wide_window_the_camera_is_where_it_was_put(size):
+    camera = put(*size, (1.0, -2.0, 1.0))
+    np.testing.assert_array_equal(camera.position, (1.0, -2.0, 1.0))
+    np.testing.assert_array_equal(camera.look_at, (0.0, 0.0, 0.5))
 
 
-def height_of(point, camera):
-    """Height of a point in the window: 0 at its lower edge, 1 at its upper."""
-    way = camera.look_at - camera.position
-    across = np.cross(way, (0.0, 0.0, 1.0))
-    up = np.cross(across, way) / np.linalg.norm(np.cross(across, way))
-    off, ahead = point - camera.position, way / np.linalg.norm(way)
-    return 0.5 + 0.5 * (off @ up) / (off @ ahead) / np.tan(0.5 * FIELD_OF_VIEW)
-
-
-@pytest.mark.parametrize("width", [360, 420])
-def test_the_scene_stands_in_the_upper_half_of_a_narrow_window(width):
-    camera = framed(width)
-    assert 0.6 < height_of(AT, camera) < 0.8
-    ways = camera.look_at - camera.position, AT - POSITION
-    assert np.cross(*ways) == pytest.approx(np.zeros(3), abs=1e-9), "it looks from elsewhere"
-
-
-def test_a_wide_window_is_framed_as_it_was_set():
-    camera = framed(1280)
-    assert camera.position == pytest.approx(POSITION) and camera.look_at == pytest.approx(AT)
+@pytest.mark.parametrize("size", [(390, 844), (1170, 2532)], ids=["pixels of a desktop", "pixels of a phone"])
+@pytest.mark.parametrize("position", [(1.0, -2.0, 1.0), (0.0, 0.0, 2.5), (0.0, 0.0, -1.5)])
+def test_in_a_narrow_window_what_it_looks_at_stands_in_the_upper_part(size, position):
+    camera, at = put(*size, position), np.array((0.0, 0.0, 0.5))
+    way, seen = camera.look_at - camera.position, at - camera.position
+    way /= np.linalg.norm(way)
+    off = seen / (seen @ way) - way  # from the middle of the picture, one unit before the camera
+    assert np.linalg.norm(off) / (2.0 * np.tan(0.5 * FIELD_OF_VIEW)) == pytest.approx(0.2, rel=1e-6)
+    assert off[2] > 0.0 or abs(way[2]) > 0.99

@@ -66,6 +66,7 @@ class Saving:
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": self._hands.objects,
             "wakes": bodies.wakes(),
+            "bounds": bodies.bounds(),
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
         }
         path, arrays = path_of(path), _on_host(self._arrays(bodies))
@@ -91,7 +92,7 @@ class Saving:
                 if header["batches"] != _names(derived):
                     raise ValueError("its objects are not computed as its header says")
                 frames, notes, grasps = _whole(header["frames"]), header["notes"], self._grasps(header["grasps"])
-                wakes = bool(header["wakes"])
+                wakes, bounds = bool(header["wakes"]), bool(header["bounds"])
             except _AnotherScene:
                 raise
             except Exception as error:  # odd entries can raise anything
@@ -99,6 +100,8 @@ class Saving:
             arrays = file.arrays(_on_host(targets))
         _check_numbers(path, derived, arrays)
         self._bodies.adopt(derived)
+        if not bounds:  # frames computed again may have raised the substeps beyond them
+            self._bodies.upload_limits()
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
                 rows.assign(arrays[name])
@@ -167,6 +170,8 @@ class Saving:
         found = {"handles/counts": bodies.handle_counts, "handles/breaks": self._hands.breaks}
         for k, batch in enumerate(bodies.batches):
             found |= {f"batch{k}/{name}": rows for name, rows in batch.states.items()}
+            if batch.measurement is not None:
+                found[f"batch{k}/most"] = batch.measurement.most
         for name, live in _live_arrays(bodies).items():
             found |= {f"{name}/{part}": rows for part, rows in live.mirrors().items()}
         return {name: rows for name, rows in found.items() if rows.size}

@@ -255,19 +255,25 @@ class Batch:
 
         If they are measured, it waits for the device.
         """
-        limits = self.frame.limits.mirrors()["rows"]
-        each = limits["start"]
-        if self.measurement is not None:
-            chosen = self.states["substeps"].numpy()
-            bounded = np.clip(chosen, limits["fewest"], limits["most"]) if self.frame.limits.is_changed else chosen
-            each = np.where(chosen > 0, bounded, each)
-        each = each[worlds_of(world)]
+        each = self._substeps()[worlds_of(world)]
         return int((each if b is None else each[:, b]).max())
 
-    def pays(self, b: int) -> int:
-        """Most substeps of body b that its budget pays with the contact it has, in any world; waits for the device."""
-        most = self.measurement.most()[:, b]
-        return int(np.where(most > 0, most, self.frame.limits.mirrors()["rows"]["most"][:, b]).max())
+    def _substeps(self) -> np.ndarray:
+        """Substeps (worlds, B) of the next frame."""
+        limits = self.frame.limits.mirrors()["rows"]
+        if self.measurement is None:
+            return limits["start"]
+        chosen = self.states["substeps"].numpy()
+        least = np.where(limits["search"] > 0.0, limits["fewest"], limits["least"])  # as `change_substeps` does
+        bounded = np.clip(chosen, least, limits["most"]) if self.frame.limits.is_changed else chosen
+        return np.where(chosen > 0, bounded, limits["start"])
+
+    def falls_short(self, b: int, wanted: float) -> bool:
+        """True if the error of body b exceeds the wanted one in a world where its budget pays no more substeps."""
+        limits, most = self.frame.limits.mirrors()["rows"][:, b], self.measurement.most.numpy()[:, b]
+        pays = np.where((most > 0) & (not self.frame.limits.is_changed), most, limits["most"])
+        errors = self.states["errors"].numpy()[:, b, 2:].max(axis=1)
+        return bool(((errors > wanted) & (self._substeps()[:, b] >= pays)).any())
 
     def error(self, b: int, world: int | None = None) -> tuple[float, float]:
         """Measured error of body b: that of the last measured frame [m], and the share in the units of solver.error.

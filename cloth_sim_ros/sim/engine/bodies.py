@@ -252,6 +252,15 @@ class Bodies:
         live += [rows for batch in self.batches for rows in batch.all_live()]
         return self._disturbed or any(rows.is_changed for rows in live)
 
+    def bounds(self) -> bool:
+        """True if the next frame brings the substeps within their limits, because these were changed."""
+        return any(batch.frame.limits.is_changed for batch in self.batches)
+
+    def upload_limits(self) -> None:
+        """Copy changed limits to the device, and leave the substeps as they are."""
+        for batch in self.batches:
+            batch.frame.limits.upload()
+
     def wake(self, on: bool = True) -> None:
         """Let the next frame compute bodies at rest, because their state or what holds them was changed."""
         self._disturbed = on
@@ -417,12 +426,14 @@ class Bodies:
             if batch.measurement is not None:
                 b = batch.index[name]
                 error = batch.error(b)[1] or choice.error
-                found[name] = replace(choice, substeps=batch.substeps(b), error=error)
-                if error > self.settings.error and batch.pays(b) <= found[name].substeps and not self.settings.substeps:
+                substeps, reason = batch.substeps(b), choice.reason
+                if substeps < choice.least:
+                    reason += f"; contact leaves it {substeps} of the {choice.least} substeps that its stiffness takes"
+                if batch.falls_short(b, self.settings.error) and not self.settings.substeps:
                     missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
-                    more = "; the budget allows no more substeps, so " + missed
-                    more += "; a larger solver.budget or solver.error helps"
-                    found[name] = replace(found[name], reason=choice.reason + more)
+                    reason += "; the budget allows no more substeps, so " + missed
+                    reason += "; a larger solver.budget or solver.error helps"
+                found[name] = replace(choice, substeps=substeps, error=error, reason=reason)
         return found
 
     def one(self, world: int) -> int:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
@@ -19,6 +18,8 @@ class Measurement:
 
     saved: copy of the state, to which trials go back. particles: number of them. second: True for order 2. alone: each
     body takes the substeps that its own error asks for. ropes: True for ropes. block: threads a body.
+
+    most: substeps (worlds, bodies) that the budget paid when they were last chosen; 0 if its limits changed since.
     """
 
     def __init__(
@@ -30,7 +31,8 @@ class Measurement:
         self._given = wp.array(worlds, dtype=Arrays, device=device)
         remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
-        self._wanted, self._most = (wp.zeros(bodies, dtype=int, device=device) for _ in range(2))
+        self._wanted = wp.zeros(bodies, dtype=int, device=device)
+        self.most = wp.zeros((len(worlds), bodies // len(worlds)), dtype=int, device=device)
 
         def launch(kernel: wp.Kernel, *inputs) -> wp.Launch:
             inputs = [self._given, *inputs, block]
@@ -38,9 +40,8 @@ class Measurement:
 
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
-        self._control = launch(
-            control, *remembered, differences, self._wanted, self._most, int(second), int(alone), growth
-        )
+        most = self.most.flatten()
+        self._control = launch(control, *remembered, differences, self._wanted, most, int(second), int(alone), growth)
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -60,12 +61,10 @@ class Measurement:
         """Most substeps that a body should take; waits for the device."""
         return int(self._wanted.numpy().max())
 
-    def most(self) -> np.ndarray:
-        """Most substeps (worlds, bodies) that the budget paid when they were last chosen, 0 before; waits."""
-        return self._most.numpy().reshape(self._given.size, -1)
-
     def change(self, substeps: int) -> None:
         """Let all bodies take as many substeps from now on; 0 brings those of each within its limits."""
+        if substeps == 0:
+            self.most.zero_()
         self._change.set_param_at_index(1, substeps)
         self._change.launch()
 

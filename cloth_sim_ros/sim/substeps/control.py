@@ -122,7 +122,9 @@ def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, b
     chosen = s.control.substeps[b]
     wanted = substeps
     if substeps == 0:
-        wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.fewest, limits.most), 0)
+        # Contact may have lowered them below the least.
+        least = wp.where(limits.search > 0.0, limits.fewest, limits.least)
+        wanted = wp.where(chosen > 0, wp.clamp(chosen, least, limits.most), 0)
     if second > 0 and chosen > 0:
         resample_all(t, block, given[w], b, chosen, wanted)
     sync()  # all threads have read what one will write
@@ -160,8 +162,10 @@ def order_of(fine: float, coarse: float) -> float:
 def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
     """Substeps that the budget pays if each has as many searches for contact as those `since` the last measurement.
 
-    They stay at n if frames are computed again, as that costs more, and fall slowly.
+    They stay at n if frames are computed again, as that costs more, and fall slowly. What slept has not met anything.
     """
+    if since[1] == 0:
+        return n
     searches = float(since[2]) / float(wp.max(since[1], 1))
     pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.search * searches)))
     return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))
