@@ -100,7 +100,7 @@ class Saving:
             arrays = file.arrays(_on_host(targets))
         _check_numbers(path, derived, arrays)
         self._bodies.adopt(derived)
-        if not bounds:  # frames computed again may have raised the substeps beyond them
+        if not bounds:  # else the next frame forgets what the budget paid
             self._bodies.upload_limits()
         for name, rows in targets.items():
             if isinstance(rows, wp.array):

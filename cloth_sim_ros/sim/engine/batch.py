@@ -105,7 +105,7 @@ class Batch:
                 self.worlds, self.saved, collected.particles, second, alone, features.chain, block
             )
         if features.audited:
-            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, alone, block, max(self.counts))
+            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block, max(self.counts))
         self._trial = None
         if features.method == "verlet":
             frame = self.frame

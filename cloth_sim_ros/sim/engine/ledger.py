@@ -26,8 +26,7 @@ class Ledger:
     """Launches that judge the energy of the bodies of a batch, see substeps/energy.py.
 
     saved: copy of the state, to which a rejected frame goes back. lines: of each body, (kind, first, end) of the slots
-    of its lines. second: True for order 2. alone: each body has its own substeps. block: threads a block. largest:
-    number of particles of the largest body.
+    of its lines. second: True for order 2. block: threads a block. largest: number of particles of the largest body.
     """
 
     def __init__(
@@ -36,7 +35,6 @@ class Ledger:
         saved: Saved,
         lines: Sequence[Sequence[tuple[int, int, int]]],
         second: bool,
-        alone: bool,
         block: int,
         largest: int,
     ) -> None:
@@ -65,7 +63,7 @@ class Ledger:
         ]
         wide = {"dim": bodies * block, "block_dim": block}
         self._begin_again = launch(begin_again, factors, self._rejects, block, **wide)
-        self._end_again = launch(end_again, factors, int(alone), block, **wide)
+        self._end_again = launch(end_again, factors, block, **wide)
 
     def open(self) -> None:
         """Find the energies at the start of a frame, before the state is saved."""

@@ -33,6 +33,7 @@ AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
 # Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
 STILL = wp.constant(6.0e-8)
 MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
+MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: what one shrink undoes
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
@@ -159,14 +160,23 @@ def order_of(fine: float, coarse: float) -> float:
 
 
 @wp.func
+def is_all_redone(since: wp.vec4i, limits: StepLimits) -> bool:
+    """True if every frame since the last measurement was computed again, which costs at least five times as much."""
+    return since[0] > 0 and since[3] >= since[0] and limits.is_set == 0
+
+
+@wp.func
 def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
     """Substeps that the budget pays if each has as many searches for contact as those `since` the last measurement.
 
-    They stay at n if frames are computed again, as that costs more, and fall slowly. What slept has not met anything.
+    Twice n cost less than frames that are all computed again. Otherwise they fall slowly, and stay at n while some are.
+    What slept has not met anything.
     """
     if since[1] == 0:
         return n
-    searches = float(since[2]) / float(wp.max(since[1], 1))
+    if is_all_redone(since, limits):
+        return wp.max(n, wp.min(2 * n, MOST_GROWN * limits.most))
+    searches = float(since[2]) / float(since[1])
     pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.search * searches)))
     return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))
 
@@ -228,7 +238,8 @@ def control(
     added = wp.lerp(RETURN, growth * WINDOW, truncates)
     share = error * wp.max(added / length, 1.0) / motion
     pays = afforded(n, s.control.since[b], limits)
-    better = chosen(n, share, order, wp.min(limits.least, pays), pays, limits.error)
+    least = wp.where(is_all_redone(s.control.since[b], limits), pays, wp.min(limits.least, pays))
+    better = chosen(n, share, order, least, pays, limits.error)
     if t == 0:
         grown = known[2] + share * elapsed / WINDOW
         if begins:

@@ -27,8 +27,6 @@ FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame
 # the work of its weight over its size, or the kinetic energy at this speed [m/s].
 MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
 MORE = wp.constant(4)  # factor of the substeps from one repetition to the next
-GROWTH = wp.constant(1.5)  # factor of the substeps after a frame that was computed again
-MOST_GROWN = wp.constant(3)  # largest factor over the most substeps that the budget pays without contact
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
 
@@ -268,20 +266,15 @@ def judge_frames(
 
 
 @wp.func
-def change_factor(t: int, width: int, a: Arrays, b: int, factor: int, grows: bool):
-    """Multiply the substeps of body b by `factor` in this frame, 0 for none; if it `grows`, take more from now on."""
-    limits = a.limits[b]
-    before = substeps_of(a.state.control, limits, b)
-    chosen = before / wp.max(1, a.state.control.factors[b])
-    if grows:
-        chosen = wp.max(chosen, wp.min(int(GROWTH * float(chosen)), MOST_GROWN * limits.most))
+def change_factor(t: int, width: int, a: Arrays, b: int, factor: int):
+    """Multiply the substeps that are chosen for body b by `factor` from now on; 0 leaves them."""
+    before = substeps_of(a.state.control, a.limits[b], b)
+    after = before / wp.max(1, a.state.control.factors[b]) * wp.max(1, factor)
     sync()  # all threads have read what one will write
     if a.state.last_displacements.shape[0] > 0:
-        resample_all(t, width, a, b, before, chosen * wp.max(1, factor))
+        resample_all(t, width, a, b, before, after)
     if t == 0:
         a.state.control.factors[b] = factor
-        if grows:
-            a.state.control.substeps[b] = chosen
 
 
 @compiled
@@ -291,16 +284,15 @@ def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rej
     if wp.tid() == 0:
         rejects[0] = 0
     if factors[k] > 0:
-        change_factor(t, block, given[k / bodies], k % bodies, factors[k], False)
+        change_factor(t, block, given[k / bodies], k % bodies, factors[k])
 
 
 @compiled
-def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), alone: int, block: int):
+def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), block: int):
     k, t = wp.tid() / block, wp.tid() % block
     bodies = given[0].limits.shape[0]
     a, b = given[k / bodies], k % bodies
     used = a.state.control.factors[b]
     # A rejected frame has a larger factor by now.
     if used > 0 and used == factors[k]:
-        # It costs less to take more substeps from now on than to compute each frame again, unless many do not help.
-        change_factor(t, block, a, b, 0, alone > 0 and a.limits[b].is_set == 0 and used < MOST_REPEATED)
+        change_factor(t, block, a, b, 0)
