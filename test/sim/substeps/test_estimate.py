@@ -115,7 +115,7 @@ def test_coupled_bodies_start_anew_as_at_first(device, worlds):
 @wp.kernel
 def choose_each(n: wp.array(dtype=int), order: wp.array(dtype=float), limits: StepLimits, found: wp.array(dtype=int)):
     i = wp.tid()
-    found[i] = chosen(n[i], 1.0, order[i], limits)
+    found[i] = chosen(n[i], 1.0, order[i], limits.least, limits.most, limits.error)
 
 
 def test_substeps_grow_by_what_they_buy(device):
