@@ -44,9 +44,9 @@ class Choice:
     """How one object is computed; `reason` is text that follows the object's name.
 
     substeps: those of the first frame. least, most: bounds of the substeps that follow from the measured error; both
-    are `substeps` if that is set. smooth: minimum for second order. error: expected error in the units of solver.error.
-    safe_substeps: substeps of an explicit frame that XPBD repeats. bending_share: share of a sheet's bending rigidity
-    that acts. surface: True if colliders are also kept out between particles. search, fewest: see StepLimits.
+    are `substeps` if that is set. error: expected error in the units of solver.error. safe_substeps: substeps of an
+    explicit frame that XPBD repeats. bending_share: share of a sheet's bending rigidity that acts. surface: True if
+    colliders are also kept out between particles. search, fewest: see StepLimits.
     """
 
     method: str
