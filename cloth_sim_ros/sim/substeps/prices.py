@@ -19,7 +19,7 @@ _MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.
 _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
 _SEGMENT, _BEND = 85.0 * _NS, 60.0 * _NS  # cost of a particle of a rope, and more if it resists bending [ms]
 _SEARCH = 600.0 * _NS  # cost of a search of a facet for contact, and of pressing it [ms]
-_LAYERS = 250.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
+_LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
 # stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
 # contact, and its cost per particle of all worlds.
