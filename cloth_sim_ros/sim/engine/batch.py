@@ -264,8 +264,7 @@ class Batch:
         if self.measurement is None:
             return limits["start"]
         chosen = self.states["substeps"].numpy()
-        least = np.where(limits["search"] > 0.0, limits["fewest"], limits["least"])  # as `change_substeps` does
-        bounded = np.clip(chosen, least, limits["most"]) if self.frame.limits.is_changed else chosen
+        bounded = np.clip(chosen, limits["fewest"], limits["most"]) if self.frame.limits.is_changed else chosen
         return np.where(chosen > 0, bounded, limits["start"])
 
     def falls_short(self, b: int, wanted: float) -> bool:

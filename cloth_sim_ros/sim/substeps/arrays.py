@@ -16,7 +16,7 @@ class StepLimits:
     """Bounds of the substeps of one body in a frame.
 
     start: substeps until an error is measured. least, most: bounds of those chosen from the error. fewest: those to
-    which searches of facets for contact may lower both, as the budget pays no more. search: cost of such a search, as
+    which searches of facets for contact may lower both; `least` where there are none. search: cost of such a search, as
     a share of that of a substep without any. error: wanted error, as solver.error. size: largest extent of the body
     [m]. sleeps: 1 if it is not computed while it is at rest. is_set: 1 if a user has set the substeps.
     """

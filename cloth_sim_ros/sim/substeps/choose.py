@@ -128,10 +128,10 @@ def _xpbd(
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
     order = settings.order or (1 if most < smooth else 2)
-    smooth *= order == 2
-    static = _static(settings, topology, materials, _effective(settings, order) / settings.frame_dt * limit, around)
-    static /= iterations
-    whole = _whole(topology) * _effective(settings, order) / settings.frame_dt * limit / iterations
+    smooth = smooth if order == 2 else 0.0
+    stiff = _effective(settings, order) / settings.frame_dt * limit
+    static = _static(settings, topology, materials, stiff, around) / iterations
+    whole = _whole(topology) * stiff / iterations
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static))
     least = min(needed, most)
@@ -148,12 +148,13 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    costs = {
-        "search": prices.search(around) / price,
-        "fewest": min(least, math.ceil(max(fewest, smooth, bending, whole))),
-    }
+    search = prices.search(around) / price
+    if search > 0.0:
+        fewest = min(least, math.ceil(max(fewest, smooth, bending, whole)))
+    else:
+        fewest = least
     bounds = (substeps, iterations, settings.error, reason, least, most)
-    return Choice("xpbd", order, *bounds, bending_share=share, surface=around.surface, **costs)
+    return Choice("xpbd", order, *bounds, 1, share, around.surface, search, fewest)
 
 
 def _static(

@@ -124,8 +124,7 @@ def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, b
     wanted = substeps
     if substeps == 0:
         # Contact may have lowered them below the least.
-        least = wp.where(limits.search > 0.0, limits.fewest, limits.least)
-        wanted = wp.where(chosen > 0, wp.clamp(chosen, least, limits.most), 0)
+        wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.fewest, limits.most), 0)
     if second > 0 and chosen > 0:
         resample_all(t, block, given[w], b, chosen, wanted)
     sync()  # all threads have read what one will write
