@@ -34,6 +34,7 @@ from cloth_sim_ros.shared_files import shared
 
 RATE = 60.0  # [Hz] of poses and wind, unless told otherwise
 FASTEST = 1000.0  # [Hz]
+LONGEST = 0.1  # [s] by which a motion goes on at once: a driver that was held up goes on from where it was
 PATIENCE = 5.0  # [s] with which it waits for answers before it asks again
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -69,7 +70,8 @@ class SceneDriver(Node):
         self._set = self.create_client(SetParameters, f"{self.named}/set_parameters")
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._set_by_others: set[str] = set()
-        self._begin: float | None = None  # when the node was there
+        self._moved: float | None = None  # the time at which it moved last; none at the beginning
+        self._t = 0.0  # [s] of the motion
         self._timer = self.create_timer(1.0 / RATE, self._step)
         # By the wall, as /clock stands while the node is paused.
         self.create_timer(1.0, self._ask_again, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -79,7 +81,10 @@ class SceneDriver(Node):
         self._timer.timer_period_ns = round(1e9 / rate)
 
     def drive(self, t: float) -> None:
-        """Says what is to happen at `t` [s] since the beginning; called at the rate of `go_at`."""
+        """Says what is to happen at `t` [s] since the beginning; called at the rate of `go_at`.
+
+        `t` grows by at most LONGEST at once, so that no pose jumps on a machine that is busy with other things.
+        """
         raise NotImplementedError
 
     def move(self, thing: str, position: Vector, orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)) -> None:
@@ -119,7 +124,7 @@ class SceneDriver(Node):
         Hands grasp anew, and have to be at their start with nothing in them. The node is paused meanwhile, so that
         nothing has fallen from them.
         """
-        self._begin, self._asked = None, time.monotonic()
+        self._moved, self._asked = None, time.monotonic()
         self._holds = dict.fromkeys(self._holds, True)
         grasps = [(self._attach[hand], SetBool.Request(data=True)) for hand in self._holds]
         stop, go_on = ((self._pause, SetBool.Request(data=on)) for on in (True, False))
@@ -144,9 +149,11 @@ class SceneDriver(Node):
         if self._asked is not None:
             return
         now = 1e-9 * self.get_clock().now().nanoseconds  # of /clock, with use_sim_time
-        if self._begin is None or now < self._begin:
-            self._begin = now
-        self.drive(now - self._begin)
+        if self._moved is None or now < self._moved:
+            self._t, self._moved = 0.0, now
+        self._t += min(now - self._moved, max(LONGEST, 1e-9 * self._timer.timer_period_ns))
+        self._moved = now
+        self.drive(self._t)
 
     def _stamp(self, message: PoseStamped | Vector3Stamped) -> None:
         message.header.frame_id = "world"

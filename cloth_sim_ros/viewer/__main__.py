@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import importlib.util
+import os
 import socket
 import sys
 
@@ -16,6 +17,7 @@ from cloth_sim_ros.signals import Stop
 
 SPIN_PERIOD = 0.1  # [s] at most between a signal and its effect
 FRAME = 1.0 / 60.0  # [s]
+YIELDS = 10  # niceness by which the page yields the processor to the simulation
 PARAMETERS = {
     "node": ("cloth_sim", "Name of the node to show; without a slash at the beginning in the viewer's namespace."),
     "host": ("127.0.0.1", "Address at which the page is served; 0.0.0.0 is for other machines too."),
@@ -30,6 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     if importlib.util.find_spec("viser") is None:
         print("cloth_sim_viewer: viser is not installed: pip install 'cloth_sim_ros[viewer]'", file=sys.stderr)
         return 1
+    os.nice(YIELDS)
     set_up()
 
     import rclpy
