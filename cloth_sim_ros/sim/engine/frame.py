@@ -42,5 +42,6 @@ def run_frame(
     frame(1)
     for ledger in ledgers:
         ledger.judge(repeat)
-    for each in measurements:
-        each.control()
+    for batch in batches:
+        if batch.measurement is not None:
+            batch.measurement.control() if measured else batch.measurement.watch()

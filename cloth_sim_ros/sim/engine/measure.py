@@ -7,7 +7,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
-from cloth_sim_ros.sim.substeps.control import OF_ROPES, begin_trial, change_substeps, control, end_trial
+from cloth_sim_ros.sim.substeps.control import OF_ROPES, begin_trial, change_substeps, control, end_trial, watch
 
 TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
 _MOST_THREADS = 256
@@ -42,6 +42,7 @@ class Measurement:
         self._end = launch(end_trial, *remembered, differences)
         most = self.most.flatten()
         self._control = launch(control, *remembered, differences, self._wanted, most, int(second), int(alone), growth)
+        self._watch = launch(watch, growth) if second and alone else None
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -52,6 +53,11 @@ class Measurement:
         """Keep the result of a trial, and go back to the copied state."""
         self._end.launch()
         self._saved.restore()
+
+    def watch(self) -> None:
+        """Estimate the error of a frame without trials from its last substep; more substeps follow from it, never less."""
+        if self._watch is not None:
+            self._watch.launch()
 
     def control(self) -> None:
         """Estimate the error of the frame, and the substeps that the next should take."""
