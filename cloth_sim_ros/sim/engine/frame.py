@@ -22,18 +22,18 @@ class Advanced(Protocol):
 def run_frame(
     batches: Sequence[Advanced], measured: bool, frame: Callable[[int], None], repeat: Callable[[], None]
 ) -> None:
-    """Simulate one frame; if it is `measured`, let it choose the substeps of the next.
+    """Simulate one frame; if it is `measured`, let it choose the substeps of the next, which else may only grow.
 
     frame(divisor): simulates one in 1 / divisor of the substeps. repeat(): simulates it again with more substeps.
     """
-    measurements = [each.measurement for each in batches if measured and each.measurement is not None]
+    measurements = [each.measurement for each in batches if each.measurement is not None]
     ledgers = [each.ledger for each in batches if each.ledger is not None]
     for ledger in ledgers:
         ledger.open()
     for batch in batches:
         if batch.ledger is not None or (measured and batch.measurement is not None):
             batch.saved.save()
-    for divisor in TRIALS if measurements else ():
+    for divisor in TRIALS if measured and measurements else ():
         for each in measurements:
             each.begin(divisor)
         frame(divisor)
@@ -42,6 +42,8 @@ def run_frame(
     frame(1)
     for ledger in ledgers:
         ledger.judge(repeat)
-    for batch in batches:
-        if batch.measurement is not None:
-            batch.measurement.control() if measured else batch.measurement.watch()
+    for each in measurements:
+        if measured:
+            each.control()
+        else:
+            each.watch()

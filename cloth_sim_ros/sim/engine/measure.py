@@ -40,9 +40,10 @@ class Measurement:
 
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
-        most = self.most.flatten()
-        self._control = launch(control, *remembered, differences, self._wanted, most, int(second), int(alone), growth)
-        self._watch = launch(watch, growth) if second and alone else None
+        watched = second and alone
+        chosen = (self._wanted, self.most.flatten(), int(second), int(alone), int(watched), growth)
+        self._control = launch(control, *remembered, differences, *chosen)
+        self._watch = launch(watch, growth) if watched else None
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -54,14 +55,14 @@ class Measurement:
         self._end.launch()
         self._saved.restore()
 
-    def watch(self) -> None:
-        """Estimate the error of a frame without trials from its last substep; more substeps follow from it, never less."""
-        if self._watch is not None:
-            self._watch.launch()
-
     def control(self) -> None:
         """Estimate the error of the frame, and the substeps that the next should take."""
         self._control.launch()
+
+    def watch(self) -> None:
+        """See from its last substep how much the error of a frame without trials grew; more substeps follow."""
+        if self._watch is not None:
+            self._watch.launch()
 
     def wanted(self) -> int:
         """Most substeps that a body should take; waits for the device."""
