@@ -181,22 +181,36 @@ def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
 
 
 def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
-    """Each place of it is another value, and another number of substeps."""
+    """Each place of it is another value, with other bounds of the substeps."""
     caplog.set_level(logging.INFO)
     world = World(values(device="cpu", **{"wind.enabled": False}), logging.getLogger("test"))
     assert world.build(world.values)
     caplog.clear()
-    substeps = set()
+    bounds = set()
     for error in np.geomspace(1e-2, 1e-4, 20):
         assert world.set_live("solver.error", float(error), {**world.values, "solver.error": float(error)})
         assert world.set_live("wind.velocity", (float(error), 0.0, 0.0), world.values)
-        substeps.add(world.sim.choices["line"].substeps)
-    assert len(substeps) > 5
+        bounds.add(world.sim.choices["sheet"].least)
+    assert len(bounds) > 5
 
     def said(beginning: str) -> list[str]:
         return [text for record in caplog.records if (text := record.getMessage()).startswith(beginning)]
 
-    assert len(said("wind.velocity is noted for the next rebuild")) == 1 and not said("line is computed by")
+    assert len(said("wind.velocity is noted for the next rebuild")) == 1 and not said("sheet is computed by")
     for _ in range(2):
         world.report()
-    assert said("line is computed by") == [f"line {world.sim.choices['line'].reason}"], "where it ends is told"
+    assert said("sheet is computed by") == [f"sheet {world.sim.choices['sheet'].reason}"], "where it ends is told"
+
+
+def test_substeps_that_are_picked_anew_each_second_do_not_fill_the_log(caplog):
+    caplog.set_level(logging.INFO)
+    world = World(values(device="cpu"), logging.getLogger("test"))
+    assert world.build(world.values)
+    substeps = set()
+    for _ in range(6):
+        for _ in range(5):
+            world.advance()
+        world.report()
+        substeps.add(world.sim.choices["sheet"].substeps)
+    said = [record.getMessage() for record in caplog.records if record.getMessage().startswith("sheet is computed by")]
+    assert len(substeps) > 1 and len(said) == len(set(said)) <= 2, said

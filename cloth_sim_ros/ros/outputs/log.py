@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from typing import Any
 
 from cloth_sim_ros.sim import Simulation
+
+_NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 class Forwarded(logging.Handler):
@@ -30,7 +33,8 @@ class Reported:
 
     def __init__(self, log: Any):
         self._log = log
-        self._reasons: dict[str, tuple] = {}
+        self._chosen: dict[str, tuple] = {}  # name -> how it is computed and within which bounds
+        self._reasons: dict[str, set[str]] = {}  # name -> what was said of that, without the numbers
         self._waiting: set[str] = set()
         self._stopped: set[str] = set()
         self._deep: set[str] = set()
@@ -48,7 +52,7 @@ class Reported:
 
     def start(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """How each object of a new simulation is computed, and which of them start where nothing can be."""
-        self._reasons.clear()
+        self._chosen.clear()
         self._waiting.clear()
         self.reasons(sim)
         for name, (deep, way) in sim.moved.items():
@@ -67,15 +71,19 @@ class Reported:
         """How each object is computed where that is chosen, and what is missed.
 
         Without `with_substeps`, other substeps alone are left to the next time: a slider asks for many in a second.
+        Substeps that are picked within their bounds are no news, nor is an error that is missed once more.
         """
         for name, choice in sim.choices.items():
             softer = choice.bending_share < 1.0
-            told = (choice.words, softer, choice.substeps)
-            if not with_substeps and self._reasons.get(name, ())[:2] == told[:2]:
+            chosen = (choice.words, softer, choice.least, choice.most)
+            if not with_substeps and self._chosen.get(name, ())[:2] == chosen[:2]:
                 continue
-            if self._reasons.get(name) != told and (softer or sim.settings.method == "auto"):
+            if self._chosen.get(name) != chosen:
+                self._chosen[name], self._reasons[name] = chosen, set()
+            kind = _NUMBER.sub("", choice.reason)
+            if kind not in self._reasons[name] and (softer or sim.settings.method == "auto"):
                 self.say(not softer, f"{name} {choice.reason}")
-            self._reasons[name] = told
+            self._reasons[name].add(kind)
 
     def waits(self, name: str, why: str) -> None:
         """A parameter that was set acts with the next rebuild; said once until then."""
