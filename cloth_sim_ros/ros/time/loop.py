@@ -87,6 +87,9 @@ class SimulationLoop:
         self._rebuild.clear()
         self._busy = "building", time.monotonic()
         self._built(self.world, self.world.build(self._values()))
+        self._count_anew()
+
+    def _count_anew(self) -> None:
         self._clock.restart(self._period())
         self._next_tell = time.monotonic() + self.TELL_PERIOD
 
@@ -118,11 +121,13 @@ class SimulationLoop:
         self._run_commands()
         if self.world.sim is None or self._by_clock() and not self._follower.due(self._period()):
             return
-        begin = time.monotonic()
+        begin, compiled = time.monotonic(), self.world.compiling.compiler.modules
         self._busy = "frame", begin
         simulated = 0.0 if self.paused else self.world.advance()
         waited = self._send(self.world)
         self._clock.worked(time.monotonic() - begin, waited, simulated)
+        if self.world.compiling.compiler.modules > compiled and time.monotonic() - begin > FrameClock.MOST_BEHIND:
+            self._count_anew()  # a wait for the compiler says nothing of the scene's pace
 
     def _run_commands(self) -> None:
         while not self._commands.empty():

@@ -25,18 +25,19 @@ def wait_for(condition):
 
 @pytest.fixture
 def loop():
-    """A running loop over the default scene without colliders, and as loop.sent the simulated time at each sending."""
-    log, sent = Log(), []
+    """A running loop over the default scene without colliders, and as loop.sent the simulated time at each sending; as
+    loop.paces what it tells each second."""
+    log, sent, paces = Log(), [], []
     given = values(device="cpu", colliders=())
     loop = SimulationLoop(
         World(given, log),
         lambda: given,
         lambda *_: None,
         lambda world: sent.append(world.simulated) or 0.0,
-        lambda *_: None,
+        lambda _, pace: paces.append(pace),
         log,
     )
-    loop.sent, loop.log = sent, log
+    loop.sent, loop.log, loop.paces = sent, log, paces
     loop.start()
     wait_for(lambda: sent)
     yield loop
@@ -56,6 +57,24 @@ def test_a_device_error_is_said_and_a_rebuild_mends_it(loop, monkeypatch):
     sent = len(loop.sent)
     loop.rebuild()
     wait_for(lambda: len(loop.sent) > sent + 3)
+
+
+def test_a_frame_that_waits_for_the_compiler_is_not_told_as_slow(loop, monkeypatch):
+    advance, compiler = World.advance, loop.world.compiling.compiler
+    monkeypatch.setattr(compiler, "modules", compiler.modules)
+
+    def compiles(self):
+        monkeypatch.setattr(World, "advance", advance)
+        time.sleep(1.5 * loop.TELL_PERIOD)
+        compiler.modules += 1
+        return advance(self)
+
+    monkeypatch.setattr(World, "advance", compiles)
+    loop.rebuild()
+    wait_for(lambda: World.advance is advance)
+    loop.paces.clear()
+    wait_for(lambda: loop.paces)
+    assert loop.paces[0].frames > 1
 
 
 def test_commands_run_between_frames_and_report_back(loop):
