@@ -46,10 +46,15 @@ def is_for(key: str, node: str) -> bool:
 
 def _readable_file(path: str, copy: Path, complain: Complain) -> tuple[str, list[str]]:
     try:
-        root = yaml.compose(Path(path).read_text())
-        if not isinstance(root, yaml.MappingNode):
-            raise ValueError(f"the parameter file {path} holds no parameters; it must start with a node's name")
-        keys = list(_node_keys(root, ""))
+        text = Path(path).read_text()
+        root = yaml.compose(text)
+        keys = list(_node_keys(root, "")) if isinstance(root, yaml.MappingNode) else []
+        if not all(keys) or not keys:
+            begin = "it must begin with a node's name, such as /**:, and ros__parameters: below it"
+            raise ValueError(f"the parameter file {path} holds no parameters; {begin}")
+        for alias in (event for event in yaml.parse(text) if isinstance(event, yaml.AliasEvent)):
+            where = f"the parameter file {path}, line {alias.start_mark.line + 1}"
+            raise ValueError(f"{where}: *{alias.anchor} is not known here; write out what it stands for")
         mended = _mend(root, path, "", complain)
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"the parameter file {path} cannot be read: {error}") from None
@@ -71,8 +76,8 @@ def _node_keys(mapping: yaml.MappingNode, prefix: str) -> Iterator[str]:
             yield from _node_keys(value, f"{prefix}/{key.value.strip('/')}")
 
 
-def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain) -> bool:
-    """Mends `mapping` in place; whether anything had to be."""
+def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain, inside: bool = False) -> bool:
+    """Mends `mapping` in place; whether anything had to be. inside: of ros__parameters."""
     mended, kept = False, []
     for key, value in mapping.value:
         if not isinstance(key, yaml.ScalarNode):
@@ -82,7 +87,11 @@ def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain)
         name, trouble = f"{prefix}{key.value}", ""
         if isinstance(value, yaml.MappingNode):
             inner = "" if key.value == "ros__parameters" or not prefix and key.value[:1] in "/" else f"{name}."
-            mended |= _mend(value, path, inner, complain)
+            mended |= _mend(value, path, inner, complain, inside or key.value == "ros__parameters")
+        elif key.value == "ros__parameters" and (value.value or isinstance(value, yaml.SequenceNode)):
+            trouble = "has no names with values below it"
+        elif not inside and value.value:
+            trouble = "stands outside of ros__parameters"
         elif isinstance(value, yaml.SequenceNode):
             trouble = _trouble(value)
             if not trouble and not _one_type(value):

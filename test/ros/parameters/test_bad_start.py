@@ -88,6 +88,14 @@ def test_a_device_that_is_not_there(start, client):
     node.ready()
 
 
+def test_what_stands_outside_of_the_parameters_is_told_and_the_rest_acts(start):
+    inside = "objects: [rope]\n    rope: {type: rope, segments: 3}"
+    node = start(f"/**:\n  ros__parameters:\n    {inside}\n  rate: 30.0\n  gravity: [0, 0, 1]\n").ready()
+    for name, line in (("rate", 5), ("gravity", 6)):
+        assert f"line {line}: {name} stands outside of ros__parameters and is ignored" in node.log.replace("/**.", "")
+    assert "rope (4 particles)" in node.log
+
+
 def test_an_empty_scene_waits(start, client):
     node = start("cloth_sim:\n  ros__parameters:\n    objects: []\n").ready()
     assert client.get("rate") == 60.0 and node.alive()
@@ -95,7 +103,15 @@ def test_an_empty_scene_waits(start, client):
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
-    [(None, "cannot be read"), ("a: [1,\n", "is not valid YAML"), ("just words", "holds no parameters")],
+    [
+        (None, "cannot be read"),
+        ("a: [1,\n", "is not valid YAML"),
+        ("just words", "holds no parameters"),
+        ("objects: [a]\na: {type: cloth}\n", "begin with a node's name, such as /**:, and ros__parameters: below"),
+        ("/**:\n  objects: [a]\n", "holds no parameters"),
+        ("ros__parameters:\n  objects: [a]\n", "holds no parameters"),
+        ("/**:\n  ros__parameters: {objects: [a, b], a: &it {type: rope}, b: *it}\n", "line 2: *it is not known here"),
+    ],
 )
 def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
     file = tmp_path / "parameters.yaml"
