@@ -93,6 +93,22 @@ class Viewer:
 
 
 @pytest.fixture
+def browser_of():
+    """browser_of(viewer) -> a Browser that has its page open."""
+    from browser import Browser
+
+    browsers = []
+
+    def make(viewer: Viewer):
+        browsers.append(Browser(viewer.window.server.get_port()))
+        return browsers[-1]
+
+    yield make
+    for each in browsers:
+        each.close()
+
+
+@pytest.fixture
 def viewer_of(ros):
     """viewer_of(name of a node) -> its viewer; it waits for the node."""
     viewers = []
