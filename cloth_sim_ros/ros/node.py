@@ -94,7 +94,10 @@ class ClothSimNode(Node):
         self.standard = Standard(self, self._loop, self._bridge, self._frames, self._show, self._now)
         offer(self, self.standard)
         waits = LongWaits(self._loop, world.compiling.compiler, log, self._tell_busy)
-        self.create_timer(1.0, waits.look, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+        steady = SteadyClock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, waits.look, clock=steady)
+        self._alone = True
+        self.create_timer(1.0, self._look_for_namesakes, clock=steady)
         self._loop.start()
 
     def stop(self) -> bool:
@@ -166,6 +169,16 @@ class ClothSimNode(Node):
         self._loop.paused = request.data
         response.success, response.message = True, "paused" if request.data else "running"
         return response
+
+    def _look_for_namesakes(self) -> None:
+        """Warns where another node has this one's name: whatever is sent to one reaches both."""
+        ours = (self.get_name(), self.get_namespace())
+        alone = self.get_node_names_and_namespaces().count(ours) == 1
+        if self._alone and not alone:
+            name = self.get_fully_qualified_name()
+            remedy = "end it, or start this one with -r __ns:=/other or another ROS_DOMAIN_ID"
+            self.get_logger().warning(f"another node is named {name} too, and messages reach both; {remedy}")
+        self._alone = alone
 
     def _tell_busy(self, sentence: str) -> None:
         self._diagnostics.publish(busy(self.get_fully_qualified_name(), sentence))

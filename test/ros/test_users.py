@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
 from client import fields
 from node_process import ROOT
 from patience import tries
@@ -98,3 +99,12 @@ def test_nodes_that_compile_at_once(running, client, tmp_path):
     client.until(lambda: all(clouds))
     assert all(fields(each[-1]).shape == (16, 3) for each in clouds)
     assert not any("Traceback" in log.read_text() or "[ERROR]" in log.read_text() for _, log in nodes)
+
+
+def test_a_node_whose_name_another_one_has_says_so(running, client):
+    process, log = running("twin")
+    simulates(process, log)
+    assert "another node" not in log.read_text()
+    other = rclpy.create_node("twin")
+    client.until(lambda: "another node is named /twin too, and messages reach both; end it, or" in log.read_text())
+    other.destroy_node()
