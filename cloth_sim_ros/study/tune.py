@@ -151,5 +151,5 @@ def verdict_of(exact: Converged, error: float) -> str:
 
 
 def _words(row: dict) -> str:
-    steps = f"{row['substeps']} substeps x {row['iterations']} iterations"
-    return f"{steps}, {row['position']:.2e} m, {row['ms']:.3f} ms a frame"
+    substeps = f"{row['substeps']} substeps" if row["substeps"] else "substeps as its error asks"
+    return f"{substeps} x {row['iterations'] or 1} iterations, {row['position']:.2e} m, {row['ms']:.3f} ms a frame"

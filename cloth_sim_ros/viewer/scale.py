@@ -115,4 +115,6 @@ class PowerSlider:
         return min(max(float(found[0]), self._scale.low), self._scale.high) if found else self._value
 
     def _words(self, value: float) -> str:
-        return f"{value:.3g}{self._unit}"
+        number = float(f"{value:.3g}")
+        plain = f"{number:.0f}" if 1e3 <= number < 1e7 else f"{number:g}".replace("e+", "e")
+        return f"{plain}{self._unit}"

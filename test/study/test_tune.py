@@ -2,6 +2,7 @@
 """Tuning a scene file: the scene is the node's, the choice is the cheapest that keeps the error, the file keeps its
 comments."""
 
+import re
 import subprocess
 import sys
 
@@ -117,6 +118,7 @@ def test_tune_meets_its_error_and_says_so(monkeypatch, tmp_path, scene, capsys):
     assert __main__.main() == 0
     text = capsys.readouterr().out
     assert "which meets 0.001 m" in text and "the file's own settings" in text
+    assert not re.search(r"\b0 (substeps|iterations)", text), "0 stands for a choice, which no reader knows"
     chosen = scene_file.read_plan(tmp_path / "tuned_scene.yaml").settings
     assert chosen.substeps in (2, 10, 40) and "# keep me" in (tmp_path / "tuned_scene.yaml").read_text()
     assert (tmp_path / "tuned_scene.png").exists()

@@ -10,7 +10,8 @@ SCENE = """
     objects: [cloth]
     handles: [hand]
     cloth:
-      {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9}
+      {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9,
+       bending: dihedral, bend_compliance: 76900.0}
     hand: {reach: [0.03], position: [0.4, 0, 1]}
     wind: {enabled: true}
     solver: {global_damping: 2.0}
@@ -41,7 +42,7 @@ def test_a_hundred_moves_of_sliders_reach_the_node_and_their_numbers_are_shown(s
         label, place = (("x m/s", 0.1 * k), ("stretch compliance", -5.0 + 0.03 * k))[k % 2]
         browser.slide(label, place)
         shown.spin_once()
-    shown.until(lambda: browser.says("0.00933 m/N"))  # 10^-2.03
+    shown.until(lambda: browser.says("0.00933 m/N") and browser.says("76900 1/(N m)"))  # 10^-2.03
     shown.until(lambda: client.get("cloth.stretch_compliance") == pytest.approx(10**-2.03, rel=1e-2))
     shown.until(lambda: client.get("wind.velocity")[0] == pytest.approx(9.8))
     assert browser.gui[browser.control("x m/s")]["kind"] == "GuiSliderMessage"

@@ -60,8 +60,7 @@ class Panel:
                 if scale is None:
                     continue
                 label = name.removeprefix(f"{title}.").removeprefix("solver.").replace("_", " ").replace(".", " ")
-                description = self._known.descriptors[name].description
-                slider = ParameterSlider(gui, label, scale, self._known.values[name], description)
+                slider = ParameterSlider(gui, label, scale, self._known.values[name], self._description(name))
                 self.sliders[name] = [slider]
 
     def _scale(self, name: str) -> Scale | None:
@@ -73,6 +72,11 @@ class Panel:
         )
         no_winch = name.endswith(".pay_out") and not values.get(name.replace("pay_out", "enabled"))
         return None if missing or straight or no_winch else scale_of(self._known.descriptors[name], values[name])
+
+    def _description(self, name: str) -> str:
+        """What a parameter is; where it is another thing for each kind of bending, the one that acts."""
+        words, kind = self._known.descriptors[name].description, self._known.values.get(f"{name.split('.')[0]}.bending")
+        return next((part for part in words.split("; ") if part.startswith(f"{kind}:")), words)
 
     def _vector(self, gui: viser.GuiApi, name: str) -> None:
         hint = self._known.descriptors[name].description
