@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from matplotlib.figure import Figure
 
 from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
 from cloth_sim_ros.identify.cable_candidates import NAME, CableCandidates
@@ -147,6 +146,8 @@ def yaml_of(cable: Cable, found: Estimate) -> str:
 
 def draw(markers: Markers, judge: CableCandidates, off: dict[str, np.ndarray], path: Path) -> None:
     """A PNG: errors over time, errors by marker, and the first run at some moments, recorded and computed."""
+    from matplotlib.figure import Figure  # not before `exit_status` has looked whether it is there
+
     figure = Figure(figsize=(15.0, 4.5), layout="constrained")
     over_time, by_marker, places = figure.subplots(1, 3)
     for name, each in off.items():

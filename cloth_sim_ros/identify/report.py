@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from cloth_sim_ros.identify.candidates import Candidates, Delay
 from cloth_sim_ros.identify.fit import Estimate
@@ -72,6 +71,8 @@ def _delay(each: Delay, value: float, low: float, high: float) -> str:
 def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path) -> None:
     """A PNG: how far the motion is from the recording before and after, and around each value with its interval."""
     count = len(candidates.sought)
+    from matplotlib.figure import Figure  # not before `exit_status` has looked whether it is there
+
     figure = Figure(figsize=(5.5 * (1 + count), 4.5), layout="constrained")
     left, *others = figure.subplots(1, 1 + count, squeeze=False)[0]
     for label, units in (("first guess", start), ("best", found.units)):

@@ -12,6 +12,7 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.identify.fit import MOST_STEPS
+from cloth_sim_ros.options import missing
 from cloth_sim_ros.status_line import show
 
 
@@ -19,6 +20,8 @@ def exit_status(run: Callable[[argparse.Namespace], Any], arguments: argparse.Na
     """Run a command and return its exit status: 2 where it raises ValueError, whose one sentence is printed."""
     wp.config.log_level = wp.LOG_WARNING
     try:
+        if lack := missing("matplotlib"):
+            raise ValueError(lack)
         run(arguments)
     except ValueError as problem:
         print(f"error: {problem}", file=sys.stderr)

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 
+from cloth_sim_ros.options import missing
 from cloth_sim_ros.ros.parameters.plugins import add_plugins_option, require_plugins
 
 NEEDED = {".glb": ("rosbags", "pygltflib", "trimesh"), "": ("rosbags", "matplotlib", "trimesh", "tqdm")}
@@ -38,9 +38,8 @@ def export(bag: Path, out: Path, rate: float) -> int:
         raise ValueError(f"{out} ends in {out.suffix}; allowed are .glb, .mp4, .gif and a folder without a suffix")
     if not 1.0 <= rate <= 1000.0:
         raise ValueError(f"--rate is {rate:g}; allowed is a number from 1 to 1000")
-    for needed in NEEDED.get(out.suffix, NEEDED[""]):
-        if importlib.util.find_spec(needed) is None:
-            raise ValueError(f"{needed} is not installed: pip install 'cloth_sim_ros[export]'")
+    if lack := missing(*NEEDED.get(out.suffix, NEEDED[""])):
+        raise ValueError(lack)
     from cloth_sim_ros.record.bag import Bag
     from cloth_sim_ros.record.film import film_of
 

@@ -18,7 +18,7 @@ from cloth_sim_ros.record.film import Film
 from cloth_sim_ros.record.painting import DOTS, INCHES, camera_on, paint_frame
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
-NO_FFMPEG = "an MP4 needs ffmpeg: pip install imageio-ffmpeg, or write a .gif"
+NO_FFMPEG = "an MP4 needs ffmpeg; make extras adds it, and so does pip install imageio-ffmpeg; or write a .gif"
 
 
 def write_movie(film: Film, path: Path, rate: float) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.util
 import sys
 import time
 from functools import partial
@@ -18,7 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from cloth_sim_ros.options import duration
+from cloth_sim_ros.options import duration, missing
 from cloth_sim_ros.record.integrity import DIGEST, Digest
 from cloth_sim_ros.ros.outputs.journal import ACTS
 from cloth_sim_ros.ros.surroundings import set_up
@@ -29,7 +28,6 @@ FLUSH = 1.0  # [s] of a recording that is lost at most where the recorder is kil
 CLOUD, JOURNAL_TYPE = "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String"
 INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # takes what any sender sends
 OUTPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-NEEDED = "rosbags is not installed: pip install 'cloth_sim_ros[record]'"
 
 
 class Recorder(Node):
@@ -107,8 +105,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=duration, default=float("inf"), help="how long to record once it has begun")
     given = sys.argv if arguments is None else ["cloth_sim_record", *arguments]
     options = parser.parse_args(remove_ros_args(given)[1:])
-    if importlib.util.find_spec("rosbags") is None:
-        return _failed(NEEDED)
+    if lack := missing("rosbags"):
+        return _failed(lack)
     stop = Stop()
     set_up()
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import importlib.util
 import sys
 import tempfile
 import time
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import warp
 
+from cloth_sim_ros.options import missing
 from cloth_sim_ros.record.bag import Bag, Stamp
 from cloth_sim_ros.ros.inputs.frames import Frames
 from cloth_sim_ros.ros.inputs.pose_track import Pose
@@ -205,8 +205,8 @@ def main(arguments: list[str] | None = None) -> int:
     add_plugins_option(parser)
     options = parser.parse_args(arguments)
     warp.config.log_level = warp.LOG_WARNING
-    if importlib.util.find_spec("rosbags") is None:
-        print("cloth_sim_replay: rosbags is not installed: pip install 'cloth_sim_ros[record]'", file=sys.stderr)
+    if lack := missing("rosbags"):
+        print(f"cloth_sim_replay: {lack}", file=sys.stderr)
         return 1
     try:
         require_plugins(options.plugins)

@@ -4,32 +4,42 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 
 import warp as wp
 
-from cloth_sim_ros.study import error, scenes, stability, tune
-from cloth_sim_ros.study.fabric import command as fabric
+from cloth_sim_ros.options import missing
 
 COMMANDS = {
-    "scenes": (scenes, "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
-    "error": (error, "error against time for a case over orders, substeps and iterations"),
-    "tune": (tune, "the cheapest settings of a scene file that keep a wanted error"),
-    "stability": (stability, "every hard case by every method: what stays finite, bounded, and comes back"),
-    "fabric": (fabric, "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values"),
+    "scenes": ("scenes", "what a frame of real scenes costs by the defaults and by set numbers, and its error"),
+    "error": ("error", "error against time for a case over orders, substeps and iterations"),
+    "tune": ("tune", "the cheapest settings of a scene file that keep a wanted error"),
+    "stability": ("stability", "every hard case by every method: what stays finite, bounded, and comes back"),
+    "fabric": (
+        "fabric.command",
+        "drape, stretch and bending of fabrics by the tests of a laboratory, beside published values",
+    ),
 }
 
 
 def main() -> int:
     """Parse the command line and run its command; returns the exit status."""
+    try:
+        modules = {name: importlib.import_module(f"cloth_sim_ros.study.{file}") for name, (file, _) in COMMANDS.items()}
+    except ModuleNotFoundError as error:
+        if not (lack := missing(error.name.partition(".")[0])):
+            raise
+        print(f"error: {lack}", file=sys.stderr)
+        return 2
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.study", description=__doc__.split(":")[0])
     commands = parser.add_subparsers(dest="command", required=True)
-    for name, (module, text) in COMMANDS.items():
-        module.add_arguments(commands.add_parser(name, help=text))
+    for name, (_, text) in COMMANDS.items():
+        modules[name].add_arguments(commands.add_parser(name, help=text))
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
     try:
-        return COMMANDS[arguments.command][0].run(arguments)
+        return modules[arguments.command].run(arguments)
     except ValueError as problem:
         print(f"error: {problem}", file=sys.stderr)
         return 2

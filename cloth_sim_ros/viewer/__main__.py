@@ -7,11 +7,11 @@ SIGINT and SIGTERM end it with status 0. Its own parameters: see PARAMETERS.
 from __future__ import annotations
 
 import errno
-import importlib.util
 import os
 import socket
 import sys
 
+from cloth_sim_ros.options import missing
 from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import Stop
 
@@ -29,8 +29,8 @@ PARAMETERS = {
 def main(arguments: list[str] | None = None) -> int:
     """Serves the page until a signal comes; returns the exit status. Raises no exception."""
     stop = Stop()
-    if importlib.util.find_spec("viser") is None:
-        print("cloth_sim_viewer: viser is not installed: pip install 'cloth_sim_ros[viewer]'", file=sys.stderr)
+    if lack := missing("viser"):
+        print(f"cloth_sim_viewer: {lack}", file=sys.stderr)
         return 1
     os.nice(YIELDS)
     set_up()

@@ -193,6 +193,23 @@ def test_the_search_for_settings_is_typed_as_printed(folder):
     assert typed.process.wait(patience(300.0)) == 0 and "which meets 0.01" in typed.end()
 
 
+@pytest.mark.parametrize(
+    "command", ["study tune a.yaml --error 1", "identify a.npz --scene a.yaml --fit towel.damping"]
+)
+def test_what_make_extras_adds_is_asked_for_in_one_sentence(tmp_path, command):
+    """matplotlib stands for all: programs of README and tutorials miss it after `make` alone."""
+    hide = "import runpy, sys; sys.modules['matplotlib'] = None; sys.argv = sys.argv[1:]; "
+    module, *words = command.split()
+    code = hide + f"runpy.run_module('cloth_sim_ros.{module}', run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", code, module, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert (
+        done.stderr == "error: matplotlib is not installed; make extras adds it, and so does pip install matplotlib\n"
+    )
+
+
 def test_no_page_prints_another_way_to_the_extras():
     for page in PAGES:
         assert not re.search(r"^ {4}pip install", page.read_text(), flags=re.MULTILINE), page.name
