@@ -37,12 +37,14 @@ def browser(shown, browser_of):
     return found
 
 
-def test_a_hundred_moves_of_sliders_reach_the_node_and_their_numbers_are_shown(shown, browser, client):
+def test_a_hundred_moves_of_sliders_reach_the_node_and_all_browsers_show_them(shown, browser, browser_of, client):
+    other = browser_of(shown)
     for k in range(100):
         label, place = (("x m/s", 0.1 * k), ("stretch compliance", -5.0 + 0.03 * k))[k % 2]
         browser.slide(label, place)
         shown.spin_once()
     shown.until(lambda: browser.says("0.00933 m/N") and browser.says("76900 1/(N m)"))  # 10^-2.03
+    shown.until(lambda: other.says("0.00933 m/N"))
     shown.until(lambda: client.get("cloth.stretch_compliance") == pytest.approx(10**-2.03, rel=1e-2))
     shown.until(lambda: client.get("wind.velocity")[0] == pytest.approx(9.8))
     assert browser.gui[browser.control("x m/s")]["kind"] == "GuiSliderMessage"
