@@ -34,7 +34,7 @@ The driver speaks by topic and service, particles and meshes come back as standa
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the demonstration until Ctrl-C, SIGTERM or --seconds; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="cloth_sim_demo", description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="curtain", choices=scenes(), help="a scene of config/")
     parser.add_argument("--headless", action="store_true", help="without the viewer")
     parser.add_argument("--seconds", type=duration, default=math.inf, help="how long to run once messages arrive")
