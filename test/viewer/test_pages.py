@@ -117,6 +117,12 @@ def test_cloths_gain_keep_and_lose_energy(open_page):
     assert page._cloth_energy("implicit Euler") < -0.1 and page._cloth_energy("XPBD") < -0.1
 
 
+def test_names_of_neighbouring_cloths_stand_at_two_heights(open_page):
+    labels = open_page(integrators.Integrators).drawing.handles
+    heights = [labels[f"{name} label"].position[2] for name in integrators.METHODS]
+    assert (np.abs(np.diff(heights)) > 0.1).all() and len(heights) == 4
+
+
 # -- c. iterations ---------------------------------------------------------------------------------------------------
 
 

@@ -181,9 +181,10 @@ class Integrators(Page):
         for k, name in enumerate(METHODS):
             self.drawing.rope(f"{name} spring", self._coil(name), 0.008, COLOURS[k])
             self.drawing.ball(f"{name} mass", 0.055, self._mass(name), STEEL)
-            self.drawing.label(f"{name} row", name, (-0.95, 0.0, self._mass(name)[2] - 0.03))
+            self.drawing.label(f"{name} row", name, (-1.05, 0.0, self._mass(name)[2] - 0.03))
             self.drawing.cloth(name, self._cloth(name), self._triangles, COLOURS[k])
-            self.drawing.label(f"{name} label", name, self._place(k) + (0.0, 0.0, 0.06))
+            above = 0.06 + 0.12 * (k % 2)  # neighbours would touch on a phone
+            self.drawing.label(f"{name} label", name, self._place(k) + (0.0, 0.0, above))
 
     def _draw(self) -> None:
         for name in METHODS:
