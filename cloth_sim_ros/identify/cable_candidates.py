@@ -21,7 +21,7 @@ from cloth_sim_ros.identify.cable_shape import (
     turns,
 )
 from cloth_sim_ros.identify.candidates import Sought, values_of
-from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.identify.markers import Markers, bridged
 from cloth_sim_ros.parameters import number
 from cloth_sim_ros.sim import Handle, Scene, Settings, Simulation
 from cloth_sim_ros.sim.input.numbers import Numbers
@@ -80,23 +80,26 @@ class CableCandidates:
     def __init__(
         self, cable: Cable, markers: Markers, together: int, start: int, device: str, shaped: bool = False
     ) -> None:
-        self._seen = markers.seen
-        frames = self._seen.shape[1]
+        frames = markers.seen.shape[1]
         if not 2 <= start < frames:
             raise ValueError(f"--start is {start}; allowed are 2 frames up to those of the shortest run")
         if not 1 <= cable.held or 2 * cable.held >= markers.count:
             raise ValueError(
                 f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
             )
-        self.cable, self.first, self._markers, self._device, self._shaped = cable, start, markers, device, shaped
-        self._forces = self._forces_seen()
-        if not np.isfinite(self._seen[:, :, cable.held_markers]).all():
+        if not np.isfinite(markers.seen[:, :, cable.held_markers]).all():
             raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
+        if not np.isfinite(markers.forces or 0.0).all():
+            raise ValueError("a force is not a number; allowed are recordings in which all are, or none is given")
+        self.markers = markers = markers.filled(cable.held_markers)
+        self.cable, self.first, self._device, self._shaped = cable, start, device, shaped
+        self._seen, self._forces = markers.seen, None if markers.forces is None else np.stack(markers.forces)
+        frames, self._hands = self._seen.shape[1], {m: bridged(self._seen[:, :, m]) for m in cable.held_markers}
         self.times = np.arange(1, frames - start + 1) / markers.rate
         self.until, self.frames, self.told = len(self.times), 0, lambda frames: None
         self.length = frames - start
         self.count = int(np.isfinite(self._seen[:, start:]).sum())
-        self.count += 0 if self._forces is None else self._forces[:, start:].size
+        self.count += 0 if self._forces is None else int(np.isfinite(self._forces[:, start:]).sum())
         self.sought = [
             Sought(f"{NAME}.bend_compliance", *(1.0 / (cable.density * each) for each in reversed(_RIGIDITY))),
             Sought(f"{NAME}.bend_damping", *_DAMPING),
@@ -120,23 +123,13 @@ class CableCandidates:
             for m in self.cable.held_markers
         }
         scene = Scene({NAME: rope}, handles=handles, forces={"drag": Viscous(rate=middle[2])})
-        dt = 1.0 / self._markers.rate
+        dt = 1.0 / self.markers.rate
         settings = Settings(frame_dt=dt, order=2, substeps=math.ceil(dt / _LONGEST), iterations=1)
         self.worlds = together
         self.sim = Simulation(scene, settings, self._device, worlds=runs * together)
-        begin = [self._markers.start(run, self.first) for run in range(runs)]
+        begin = [self.markers.start(run, self.first) for run in range(runs)]
         self._begin = np.tile(np.stack(begin, axis=1), (1, together, 1, 1))
         self._turns_between = np.array([turn_between(self._along(each[0], axis=0)) for each in begin])
-
-    def _forces_seen(self) -> np.ndarray | None:
-        """(R, F, 3) forces at the start's hand [N], or None."""
-        forces = self._markers.forces
-        if forces is None:
-            return None
-        seen = np.stack([run[: self._seen.shape[1]] for run in forces])
-        if not np.isfinite(seen).all():
-            raise ValueError("a force is not a number; allowed are recordings in which all are, or none is given")
-        return seen
 
     @property
     def has_forces(self) -> bool:
@@ -158,15 +151,15 @@ class CableCandidates:
         """(worlds, 1, 3) by how much the force at the start's hand is off, as a distance [m]."""
         hands = [self.sim.tensor(f"hand_{m}", "wrench").numpy()[:, :3] for m in range(self.cable.held)]
         off = np.sum(hands, axis=0) - np.tile(self._forces[:, frame], (self.worlds, 1))
-        return (off * _ROBUST / (_SHARE * np.sqrt((self._forces**2).sum(axis=2).mean())))[:, None]
+        return (off * _ROBUST / (_SHARE * np.sqrt(np.nanmean((self._forces**2).sum(axis=2)))))[:, None]
 
     def _tangents(self, marker: int) -> np.ndarray:
         """(R, F, 3) of the cable where a held marker is; of one that is alone at its end, the world's z."""
-        held, seen = self.cable.held, self._seen
+        held, hands = self.cable.held, list(self._hands.values())
         if held < 2:
-            return np.broadcast_to([0.0, 0.0, 1.0], seen[:, :, 0].shape)
+            return np.broadcast_to([0.0, 0.0, 1.0], hands[0].shape)
         near, far = (0, 1) if marker < held else (-2, -1)
-        edges = seen[:, :, far] - seen[:, :, near]
+        edges = hands[far] - hands[near]
         return edges / np.linalg.norm(edges, axis=-1, keepdims=True)
 
     def _turns(self, marker: int) -> np.ndarray:
@@ -201,10 +194,10 @@ class CableCandidates:
         candidate's markers miss of its own.
         """
         units, seen = fit_shape(self, units) if self._shaped else units, self._seen[:, self.first :]
-        off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self._markers.count]
-        was, now = (Markers(list(rows), self._markers.rate).lengths() for rows in (seen, seen + off))
+        off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self.markers.count]
+        was, now = (Markers(list(rows), self.markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
-        still, noise = self.off(units[None])[0], self._markers.noise(self.free)
+        still, noise = self.off(units[None])[0], self.markers.noise(self.free)
         slopes = [self._by_starts(units, noise, still), self._by_lengths(units, noise, still)]
         slopes = np.nan_to_num(np.concatenate(slopes))
         slopes = slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
@@ -219,8 +212,8 @@ class CableCandidates:
     def _by_starts(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
         """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
         free, frames = self.free, self.first
-        sizes = noise * np.array([1.0, self._markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
-        moves = np.zeros((2, len(free), 3, 2, self._markers.count, 3))
+        sizes = noise * np.array([1.0, self.markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
+        moves = np.zeros((2, len(free), 3, 2, self.markers.count, 3))
         for part, marker, axis in np.ndindex(moves.shape[:3]):
             moves[part, marker, axis, part, free[marker], axis] = sizes[part]
         moves = moves.reshape(-1, *moves.shape[3:])
@@ -318,7 +311,7 @@ class CableCandidates:
         moves (2, worlds, M, 3) are added to these. A line through the distances in these frames corrects both, as if
         markers moved freely; so it is done again.
         """
-        begin, times = self._begin, np.arange(self.first) / self._markers.rate
+        begin, times = self._begin, np.arange(self.first) / self.markers.rate
         for correction in range(_CORRECTIONS + 1):
             if correction == _CORRECTIONS:
                 begin = begin + moves
@@ -354,11 +347,11 @@ class CableCandidates:
         t, u = edges[:, at - 1] + edges[:, at], u[:, at - 1] + u[:, at]
         t, u = (rows / np.linalg.norm(rows, axis=-1, keepdims=True) for rows in (t, u))
         both = np.stack([u, np.cross(t, u)], axis=-1) @ np.tile(self._headings, (self.worlds, 1, 1))[:, None]
-        every = np.zeros((len(both), self._markers.count, 3, 2))
+        every = np.zeros((len(both), self.markers.count, 3, 2))
         every[:, self.free] = both
         if self._kept is not None:
             self._kept.append(every)
-        offsets = np.zeros((self._markers.count, 2))
+        offsets = np.zeros((self.markers.count, 2))
         if self.cable.offsets is not None:
             offsets[self.free] = self.cable.offsets
         return np.einsum("wmca,ma->wmc", every, offsets)
@@ -367,6 +360,6 @@ class CableCandidates:
         """Hands are at the held markers at the end of the next frame, or at once."""
         for m in self.cable.held_markers:
             places, turned = (
-                np.tile(each, (self.worlds, 1)) for each in (self._seen[:, frame, m], self._turned[m][:, frame])
+                np.tile(each, (self.worlds, 1)) for each in (self._hands[m][:, frame], self._turned[m][:, frame])
             )
             self.sim.set_handle_pose(f"hand_{m}", places, turned, sweep=sweep)

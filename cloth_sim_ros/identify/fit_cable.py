@@ -69,13 +69,13 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
         judged = dataclasses.replace(judged, forces=None)
     judge = CableCandidates(candidates.cable, judged, 1, *how)
     cable = candidates.weighed(found.values)
-    off = {"fitted": judge.off(found.units[None])[0][:, :, : judged.count], **guesses(judged, arguments.start)}
+    off = {"fitted": judge.off(found.units[None])[0][:, :, : judged.count], **guesses(judge.markers, arguments.start)}
     print(*sentences(cable, candidates, found), sep="\n")
     print(*table(off, len(fitted.runs), len(judged.runs)), sep="\n")
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     arguments.output.write_text(yaml_of(cable, found))
     picture = arguments.output.with_suffix(".png")
-    draw(judged, judge, off, picture)
+    draw(judge, off, picture)
     print(f"written: {arguments.output} and {picture}")
     return off
 
@@ -144,19 +144,20 @@ def yaml_of(cable: Cable, found: Estimate) -> str:
     return yaml.safe_dump({"/**": {"ros__parameters": parameters}}, sort_keys=False)
 
 
-def draw(markers: Markers, judge: CableCandidates, off: dict[str, np.ndarray], path: Path) -> None:
+def draw(judge: CableCandidates, off: dict[str, np.ndarray], path: Path) -> None:
     """A PNG: errors over time, errors by marker, and the first run at some moments, recorded and computed."""
     from matplotlib.figure import Figure  # not before `exit_status` has looked whether it is there
 
     figure = Figure(figsize=(15.0, 4.5), layout="constrained")
     over_time, by_marker, places = figure.subplots(1, 3)
     for name, each in off.items():
-        over_time.plot(judge.times, 1e3 * np.nanmean(np.abs(each), axis=(1, 2, 3)), label=name)
+        seen = np.isfinite(each).any(axis=(1, 2, 3))
+        over_time.plot(judge.times[seen], 1e3 * np.nanmean(np.abs(each[seen]), axis=(1, 2, 3)), label=name)
         by_marker.plot(1e3 * np.nanmean(np.abs(each), axis=(0, 1, 3)), ".-", label=name)
     over_time.set(xlabel="time [s]", ylabel="mean error [mm]")
     by_marker.set(xlabel="marker", ylabel="mean error [mm]")
     over_time.legend()
-    later = markers.runs[0][judge.first :]
+    later = judge.markers.runs[0][judge.first :]
     flat = np.nan_to_num(later[..., :2] - np.nanmean(later[..., :2], axis=(0, 1))).reshape(-1, 2)
     axis = np.linalg.svd(flat, full_matrices=False)[2][0]
     for k, frame in enumerate(np.linspace(0, len(judge.times) - 1, _SHOWN).astype(int)):

@@ -10,11 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
 _DIFFERENCES = 6  # order of differences in time in which noise is seen
 _MEDIAN = 0.6745  # median of the distance of normal noise from its mean, in standard deviations
+_FARTHER = 1.6  # times as far as around it held markers go between two frames, if others were lost there
+_UNLIKE = 0.6  # largest share of such a jump that the motion around it, faster, leaves
+_JUMP = 8.0  # least size of such a jump, in medians over all frames
+_GAP = 0.25  # longest time of lost frames that the motion around them tells [s]
 _POINTS = 9  # points along a spline between two markers, by which its length is measured
 
 
@@ -61,6 +65,23 @@ class Markers:
         parts = slice(None, -kept), slice(-kept, None)
         return tuple(Markers(self.runs[part], self.rate, self.forces and self.forces[part]) for part in parts)
 
+    def filled(self, held: Sequence[int]) -> Markers:
+        """The same with frames that a recorder lost, in which nothing is a number; all runs are as long as the longest.
+
+        held: markers that tell where frames were lost, as they go as far as in several frames, on the way before and
+        behind. What is behind the end of the shortest run as it was given is left out.
+        """
+        numbers = [_frame_numbers(run[:, held], _GAP * self.rate) for run in self.seen]
+        count = 1 + max(each[-1] for each in numbers)
+
+        def spread(runs: list[np.ndarray]) -> list[np.ndarray]:
+            found = [np.full((count, *run.shape[1:]), np.nan) for run in runs]
+            for rows, run, each in zip(found, runs, numbers, strict=True):
+                rows[each] = run[: len(each)]
+            return found
+
+        return Markers(spread(self.runs), self.rate, self.forces and spread(self.forces))
+
     @property
     def count(self) -> int:
         """Number of markers."""
@@ -106,6 +127,30 @@ class Markers:
         times = np.arange(frames) / self.rate
         powers = np.vander(times, min(3, frames), increasing=True)
         return np.linalg.lstsq(powers, seen.reshape(frames, -1), rcond=None)[0].reshape(-1, self.count, 3)[:2]
+
+
+def bridged(rows: np.ndarray) -> np.ndarray:
+    """(R, F, ...) without gaps: on a smooth way between where rows are numbers, and still behind the last that are."""
+    found = np.empty_like(rows)
+    for row, given in zip(found, rows, strict=True):
+        known = np.flatnonzero(np.isfinite(given).reshape(len(given), -1).all(axis=1))
+        row[:] = PchipInterpolator(known, given[known])(np.minimum(np.arange(len(given)), known[-1]))
+    return found
+
+
+def _frame_numbers(held: np.ndarray, longest: float) -> np.ndarray:
+    """(F,) numbers of frames of held markers (F, H, 3), with those that were lost between, less than `longest`."""
+    moves = np.diff(held, axis=0).reshape(len(held) - 1, -1)
+    steps = np.ones(len(moves), dtype=int)
+    if len(moves) > 2:
+        before, now, behind = moves[:-2], moves[1:-1], moves[2:]
+        usual, size = 0.5 * (before + behind), lambda rows: np.linalg.norm(rows, axis=1)
+        times = (now * usual).sum(axis=1) / np.maximum(size(usual) ** 2, 1e-12)
+        jump = size(now - usual)
+        lost = (size(now) > _FARTHER * np.maximum(size(before), size(behind))) & (times < longest)
+        lost &= (size(now - times[:, None] * usual) < _UNLIKE * jump) & (jump > _JUMP * np.median(jump))
+        steps[1:-1][lost] = np.rint(times[lost])
+    return np.concatenate([[0], np.cumsum(steps)])
 
 
 def _along(frame: np.ndarray) -> np.ndarray:

@@ -107,6 +107,18 @@ def test_a_marker_that_is_not_seen_counts_nowhere():
     assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
 
 
+def test_frames_that_a_recorder_lost_are_put_back():
+    run = record(1, 0.0)
+    kept = np.r_[:20, 26 : len(run)]
+    markers = Markers([run[kept], run], RATE)
+    short, whole = markers.filled([0, 1, SEEN - 2, SEEN - 1]).runs
+    assert short[kept] == pytest.approx(run[kept]) and np.isnan(short[20:26]).all() and len(short) == len(run)
+    assert whole[: len(kept)] == pytest.approx(run[: len(kept)]) and np.isnan(whole[len(kept) :]).all()
+    off = CableCandidates(Cable(Markers([run], RATE).lengths()), markers, 1, 2, "cpu").off(np.full((1, 5), 0.5))[0]
+    assert np.isnan(off[18:24, 0]).all() and np.isfinite(off[24:, 0]).all()
+    assert off[24 : len(kept) - 2, 0] == pytest.approx(off[24 : len(kept) - 2, 1], abs=2e-3)
+
+
 def test_files_are_read_and_refused_in_one_sentence(tmp_path):
     run = record(1, 0.0, frames=12, before=1)
     np.savez(tmp_path / "a.npz", train=np.round(run[None] / 5e-5).astype(np.int16), unit=5e-5, rate_hz=RATE)
