@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cloth_sim_ros.identify.cable_shape import PLACES
+from cloth_sim_ros.identify.cable_shape import BENDS, PLACES
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.sim import Rope
 
@@ -24,8 +24,9 @@ class Cable:
     between two markers that are not both held. density [kg/m], radius [m]. Only the ratio of rigidity and density is
     found from motion.
 
-    curvature: (PLACES, 2) [1/m] at rest, at even places along the cable. offsets: (F, 2) [m] of the markers that are
-    not held from the cable's middle, or None for 0. Both are along two directors, see cable_shape.headings.
+    bends: (BENDS, 2) at rest: curvature [1/m] at PLACES even places along the cable, then turns [rad] at the inner held
+    markers of the start and of the end. A clamp need not point along its markers. offsets: (F, 2) [m] from the cable's
+    middle of the markers that are not held, or None for 0. Both are along two directors, see cable_shape.headings.
     """
 
     lengths: np.ndarray
@@ -33,7 +34,7 @@ class Cable:
     between: int = 3
     density: float = 0.1
     radius: float = 0.004
-    curvature: np.ndarray = field(default_factory=lambda: np.zeros((PLACES, 2)))
+    bends: np.ndarray = field(default_factory=lambda: np.zeros((BENDS, 2)))
     offsets: np.ndarray | None = None
 
     @cached_property
@@ -55,12 +56,14 @@ class Cable:
         count = len(self.lengths) + 1
         return [*range(self.held), *range(count - self.held, count)]
 
-    def rest_turns(self, curvature: np.ndarray) -> np.ndarray:
-        """Turns (..., N - 2, 2) [-] of all joints at rest, from curvature (..., PLACES, 2) [1/m]."""
-        places = self.places
+    def rest_turns(self, bends: np.ndarray) -> np.ndarray:
+        """Turns (..., N - 2, 2) [-] of all joints at rest, from `bends` (..., BENDS, 2)."""
+        places, particles = self.places, np.arange(1, self.markers[-1])
         nodes, joints = np.linspace(0.0, places[-1], PLACES), places[1:-1]
         shares = np.array([np.interp(joints, nodes, row) for row in np.eye(PLACES)])
-        return np.einsum("...pa,pj->...ja", curvature, shares * 0.5 * (places[2:] - places[:-2]))
+        clamps = [particles == self.markers[m] for m in (self.held - 1, -self.held)]
+        shares = np.concatenate([shares * 0.5 * (places[2:] - places[:-2]), clamps])
+        return np.einsum("...pa,pj->...ja", bends, shares)
 
     def rope(self, bend_compliance: float, bend_damping: float, twist_compliance: float) -> Rope:
         """The cable, straight at rest."""

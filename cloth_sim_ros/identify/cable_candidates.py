@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cloth_sim_ros.identify.cable import Cable
 from cloth_sim_ros.identify.cable_shape import (
-    PLACES,
+    BENDS,
     as_numbers,
     fit_shape,
     from_numbers,
@@ -29,6 +29,7 @@ from cloth_sim_ros.sim.scene.forces import FORCES, Force
 
 NAME = "cable"
 _LONGEST = 1.0e-3  # length of a substep [s]
+_GRAVITY = 9.81  # [m/s^2]
 _REACH = 1.0e-3  # of the handle at a held marker [m]
 _CORRECTIONS = 2  # of positions and velocities at the start
 _LONGER = 5.0e-3  # share of a length, by which slopes are found
@@ -74,7 +75,9 @@ class CableCandidates:
     together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
     `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
     shaped: whether its bends at rest and the offsets of its markers are found.
-    until: how many of them are looked at. count: of numbers that are compared. Raises ValueError for bad runs.
+    until: how many of them are looked at. count: of numbers that are compared. alike: of those that an
+    error of the model makes the same, which it does for about the time in which the cable swings. Raises ValueError for
+    bad runs.
     """
 
     def __init__(
@@ -109,6 +112,7 @@ class CableCandidates:
             Turn(f"{NAME}.end_turn", *map(math.exp, _TURNED)),
         ]
         self.free = [m for m in range(markers.count) if m not in cable.held_markers]
+        self.alike = 3 * len(self.free) * markers.rate * math.sqrt(cable.lengths.sum() / _GRAVITY)
         self._turned = {m: self._turns(m) for m in cable.held_markers}
         self._headings = headings(self._tangents(0)[:, 0])
         self._noise: np.ndarray | None = None
@@ -168,14 +172,14 @@ class CableCandidates:
 
     @property
     def shape(self) -> np.ndarray:
-        """(S,) curvature at rest and offsets of markers, in their usual sizes."""
+        """(S,) bends at rest and offsets of markers, in their usual sizes."""
         offsets = np.zeros((len(self.free), 2)) if self.cable.offsets is None else self.cable.offsets
-        return as_numbers(self.cable.curvature, offsets)
+        return as_numbers(self.cable.bends, offsets)
 
     @shape.setter
     def shape(self, numbers: np.ndarray) -> None:
-        curvature, offsets = from_numbers(numbers)
-        self.cable = dataclasses.replace(self.cable, curvature=curvature, offsets=offsets)
+        bends, offsets = from_numbers(numbers)
+        self.cable = dataclasses.replace(self.cable, bends=bends, offsets=offsets)
 
     def narrow(self, together: int) -> None:
         """Go on with at most so many candidates side by side."""
@@ -234,23 +238,23 @@ class CableCandidates:
         """Values of what is sought, from places (K, P) between its bounds."""
         return values_of(self.sought, units)
 
-    def off(self, units: np.ndarray, moves: np.ndarray | None = None, curved: np.ndarray | None = None) -> np.ndarray:
+    def off(self, units: np.ndarray, moves: np.ndarray | None = None, bends: np.ndarray | None = None) -> np.ndarray:
         """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
 
         Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
 
         moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
-        curved (K, PLACES, 2): the same to the curvature at rest [1/m].
+        bends (K, BENDS, 2): the same to the bends at rest.
         """
-        curved = np.zeros((len(units), PLACES, 2)) if curved is None else curved
+        bends = np.zeros((len(units), BENDS, 2)) if bends is None else bends
         moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
         parts = [slice(k, k + self.worlds) for k in range(0, len(units), self.worlds)]
-        return np.concatenate([self._run(units[part], moves[part], curved[part]) for part in parts])
+        return np.concatenate([self._run(units[part], moves[part], bends[part]) for part in parts])
 
     def by_offsets(self, units: np.ndarray) -> np.ndarray:
         """(until, R, M, 3, 2) changes of `off` of one candidate (P,) by the two offsets of each marker."""
         self._kept = []
-        self._run(units[None], np.zeros((1, 1, 1, 1)), np.zeros((1, PLACES, 2)))
+        self._run(units[None], np.zeros((1, 1, 1, 1)), np.zeros((1, BENDS, 2)))
         kept, self._kept = self._kept[-self.until :], None
         return np.array(kept)[:, : len(self._seen)]
 
@@ -285,7 +289,7 @@ class CableCandidates:
         self.sim.set("solver.substeps", substeps)
         return ((fine - coarse) / 0.75)[None]
 
-    def _run(self, units: np.ndarray, moves: np.ndarray, curved: np.ndarray) -> np.ndarray:
+    def _run(self, units: np.ndarray, moves: np.ndarray, bends: np.ndarray) -> np.ndarray:
         """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
         runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
         values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
@@ -294,7 +298,7 @@ class CableCandidates:
             sim.set(each.name, np.repeat(column, runs))
         turned = self._turns_between + self.sought[-1].shown(values[:, -1])[:, None]
         sim.set(self.sought[-1].name, np.remainder(turned + math.pi, 2.0 * math.pi).ravel() - math.pi)
-        rest = self.cable.rest_turns(self.cable.curvature + curved[filled])
+        rest = self.cable.rest_turns(self.cable.bends + bends[filled])
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
         self._begin_well(moves)

@@ -10,13 +10,15 @@ import numpy as np
 from cloth_sim_ros.sim.topology.rope import across, directors
 
 PLACES = 4  # along the cable, between which the curvature at rest is linear
+BENDS = PLACES + 2  # with turns at the two clamps
 _STEPS = 5  # of Gauss and Newton at most
 _LEAST = 0.01  # share by which a step lessens the misfit, or it was the last
 _DAMPED = (1e-4, 0.03, 0.3)  # shares of the diagonal that are added, one after another (Marquardt 1963)
 _UNIT = 0.02  # by which slopes by a number between its bounds are found
-_CURVED, _BESIDE = 1.0, 0.01  # usual curvature at rest [1/m], and distance of a marker from the middle [m]
+_BENT = np.array([[1.0]] * PLACES + [[0.1]] * 2)  # usual curvature at rest [1/m], and turn of a clamp [rad]
+_BESIDE = 0.01  # usual distance of a marker from the middle [m]
 _ALONG = 0.99  # cosine beyond which a tangent is along an axis
-_BENT = 0.1  # curvature by which slopes are found [1/m]
+_SLIGHTLY = 0.1  # of a usual bend, by which slopes are found
 
 
 class Shaped(Protocol):
@@ -25,9 +27,10 @@ class Shaped(Protocol):
     shape: np.ndarray
     free: list[int]
     count: int
+    alike: float
 
     def off(
-        self, units: np.ndarray, moves: np.ndarray | None = None, curved: np.ndarray | None = None
+        self, units: np.ndarray, moves: np.ndarray | None = None, bends: np.ndarray | None = None
     ) -> np.ndarray: ...
     def by_offsets(self, units: np.ndarray) -> np.ndarray: ...
     def soft(self, off: np.ndarray) -> np.ndarray: ...
@@ -79,15 +82,14 @@ def turn_between(points: np.ndarray) -> float:
 
 
 def fit_shape(candidates: Shaped, units: np.ndarray) -> np.ndarray:
-    """Find curvature at rest and distances of markers together with all numbers, from those at `units` (P,).
+    """Find bends at rest and distances of markers together with all numbers, from those at `units` (P,).
 
-    They go into `candidates.cable`; returns the units. Gauss and Newton's steps, with a usual size as their prior.
+    They go into `candidates.cable`; returns the units. Gauss and Newton's steps, with a usual size as their prior. This
+    counts as much as the `alike` numbers of which an error of the model makes the same.
     """
-    worth = candidates.soft(candidates.off(units[None]))[0]
-    worth = (worth @ worth) / candidates.count
     for _ in range(_STEPS):
         before, jacobian = _slopes(candidates, units)
-        theta = candidates.shape
+        theta, worth = candidates.shape, (before @ before) / candidates.count * candidates.alike
         right = jacobian.T @ before
         right[len(units) :] += worth * theta
         matrix = jacobian.T @ jacobian
@@ -111,15 +113,15 @@ def fit_shape(candidates: Shaped, units: np.ndarray) -> np.ndarray:
 
 def _slopes(candidates: Shaped, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape."""
-    count, bent = len(units), 2 * PLACES
+    count, bent = len(units), 2 * BENDS
     rows = np.tile(units, (1 + count + bent, 1))
     rows[1 : 1 + count] += _UNIT * np.eye(count)
-    curved = np.zeros((len(rows), bent))
-    curved[1 + count :] = _BENT * np.eye(bent)
-    off = candidates.off(rows, curved=curved.reshape(-1, PLACES, 2))
+    bends = np.zeros((len(rows), bent))
+    bends[1 + count :] = _SLIGHTLY * np.eye(bent)
+    off = candidates.off(rows, bends=_BENT * bends.reshape(-1, BENDS, 2))
     by_offsets, free = candidates.by_offsets(units), candidates.free
     soft = candidates.soft(off)
-    steps = np.array([_UNIT] * count + [_BENT / _CURVED] * bent)
+    steps = np.array([_UNIT] * count + [_SLIGHTLY] * bent)
     jacobian = (soft[1:] - soft[0]).T / steps[:, None].T
     beside = np.zeros((*off[0].shape, len(free), 2))
     for k, marker in enumerate(free):
@@ -128,11 +130,11 @@ def _slopes(candidates: Shaped, units: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return soft[0], np.concatenate([jacobian, beside], axis=1)
 
 
-def as_numbers(curvature: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """(S,) usual sizes of curvature (PLACES, 2) [1/m] and offsets of free markers (F, 2) [m]."""
-    return np.concatenate([curvature.ravel() / _CURVED, offsets.ravel() / _BESIDE])
+def as_numbers(bends: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """(S,) usual sizes of bends (BENDS, 2) and offsets of free markers (F, 2) [m], see cable.Cable."""
+    return np.concatenate([(bends / _BENT).ravel(), offsets.ravel() / _BESIDE])
 
 
 def from_numbers(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of `as_numbers`."""
-    return _CURVED * numbers[: 2 * PLACES].reshape(-1, 2), _BESIDE * numbers[2 * PLACES :].reshape(-1, 2)
+    return _BENT * numbers[: 2 * BENDS].reshape(-1, 2), _BESIDE * numbers[2 * BENDS :].reshape(-1, 2)

@@ -13,6 +13,7 @@ import yaml
 
 from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
 from cloth_sim_ros.identify.cable_candidates import NAME, CableCandidates
+from cloth_sim_ros.identify.cable_shape import PLACES
 from cloth_sim_ros.identify.fit import Estimate, identify
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.identify.terminal import Progress, exit_status
@@ -41,7 +42,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
     parser.add_argument("--radius", type=float, default=0.004, help="of the cable [m] (0.004)")
     parser.add_argument("--between", type=int, default=3, help="segments between two markers (3)")
-    parser.add_argument("--shape", action="store_true", help="find bends at rest, and markers beside the middle")
+    parser.add_argument(
+        "--shape",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="find bends at rest, how clamps point, and markers beside the middle (yes)",
+    )
     parser.add_argument("--worlds", type=int, default=16, help="candidates at a time (16)")
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0 (cpu)")
 
@@ -96,8 +102,11 @@ def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> lis
         f"{candidates.sought[-1].shown(found.values[-1]):.2g} rad",
     ]
     if cable.offsets is not None:
-        curved, beside = (np.linalg.norm(each, axis=1).max() for each in (cable.curvature, cable.offsets))
-        said.append(f"curvature at rest up to {curved:.2g} 1/m; markers up to {1e3 * beside:.2g} mm beside the middle")
+        bends, beside = (np.linalg.norm(each, axis=1) for each in (cable.bends, cable.offsets))
+        said.append(
+            f"curvature at rest up to {bends[:PLACES].max():.2g} 1/m; clamps up to {bends[PLACES:].max():.2g} rad off "
+            f"the line of their markers; markers up to {1e3 * beside.max():.2g} mm beside the middle"
+        )
     for each, unit in zip(candidates.sought, found.units, strict=True):
         if not 1e-3 < unit < 1.0 - 1e-3:
             said.append(f"{each.name} lies at the end of where it is looked for, {each.low:.3g} to {each.high:.3g}")

@@ -8,6 +8,7 @@ import yaml
 from cloth_sim_ros.identify import fit_cable, recordings
 from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
 from cloth_sim_ros.identify.cable_candidates import CableCandidates
+from cloth_sim_ros.identify.cable_shape import PLACES, fit_shape
 from cloth_sim_ros.identify.fit import identify
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation
@@ -16,10 +17,11 @@ RATE, LENGTH, MASS, SEEN, PER = 60.0, 0.8, 0.08, 9, 6
 EI, BEND_DAMPING, DRAG, GJ = 4e-3, 0.05, 0.8, 3e-3
 
 
-def record(seed, noise, frames=50, before=15, forces=None):
+def record(seed, noise, frames=50, before=15, forces=None, clamp=0.0):
     """Markers (F, 9, 3) of a cable whose start is held by two of them, and moved about; it moves as they begin.
 
-    What it pulls at its start with (3,) goes into the list `forces`, a row a frame.
+    What it pulls at its start with (3,) goes into the list `forces`, a row a frame. Its start points by the angle
+    `clamp` [rad] off the line of the markers there.
     """
     random = np.random.default_rng(seed)
     marks = np.concatenate([[0.0], np.linspace(0.02, LENGTH - 0.02, SEEN - 2), [LENGTH]])
@@ -40,6 +42,9 @@ def record(seed, noise, frames=50, before=15, forces=None):
     handles = {f"h{k}": Handle(position=tuple(points[i]), reach=0.001, attached=True) for k, i in enumerate(held)}
     settings = Settings(frame_dt=1 / RATE, substeps=40, global_damping=DRAG)
     sim = Simulation(Scene({"it": rope}, handles=handles), settings, "cpu")
+    turns = np.zeros((1, len(points) - 2, 2))
+    turns[0, 0] = clamp, 0.0
+    sim.write("it", "rest_turns", turns)
     swing, phase, rows = random.uniform(0.05, 0.1, 3), random.uniform(0, 6, 3), []
     for frame in range(before + frames):
         time = (frame + 1) / RATE
@@ -105,6 +110,19 @@ def test_a_marker_that_is_not_seen_counts_nowhere():
     assert mean_error(part) == pytest.approx(mean_error(whole[left]), rel=1e-6)
     assert np.isfinite(candidates[1].residuals(np.full((1, 5), 0.5))).all()
     assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
+
+
+def test_a_clamp_that_points_off_its_markers_is_found():
+    markers = Markers([record(seed, 0.0, clamp=0.15) for seed in (1, 2)], RATE)
+    cable = Cable(markers.lengths(), between=PER, density=MASS / LENGTH)
+    candidates = CableCandidates(cable, markers, 8, 4, "cpu", shaped=True)
+    low, high = (np.log([getattr(each, end) for each in candidates.sought]) for end in ("low", "high"))
+    units = (np.log([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0]) - low) / (high - low)
+    before = mean_error(candidates.off(units[None]))
+    units = fit_shape(candidates, units)
+    at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)  # of which bends nearby take a part
+    assert at_start > 3.0 * at_end and 0.07 < at_start < 0.16
+    assert mean_error(candidates.off(units[None])) < 0.15 * before
 
 
 def test_frames_that_a_recorder_lost_are_put_back():
