@@ -80,6 +80,8 @@ class CableCandidates:
     bad runs.
     """
 
+    step = 0.1  # see Candidates; a soft cable moves by 0.3 mm after 5 s by whatever little changes
+
     def __init__(
         self, cable: Cable, markers: Markers, together: int, start: int, device: str, shaped: bool = False
     ) -> None:

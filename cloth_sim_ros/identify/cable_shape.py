@@ -13,12 +13,12 @@ PLACES = 4  # along the cable, between which the curvature at rest is linear
 BENDS = PLACES + 2  # with turns at the two clamps
 _STEPS = 5  # of Gauss and Newton at most
 _LEAST = 0.01  # share by which a step lessens the misfit, or it was the last
-_DAMPED = (1e-4, 0.03, 0.3)  # shares of the diagonal that are added, one after another (Marquardt 1963)
+_DAMPED = (1e-4, 0.03, 0.3, 3.0)  # shares of the diagonal that are added, one after another (Marquardt 1963)
 _UNIT = 0.02  # by which slopes by a number between its bounds are found
 _BENT = np.array([[1.0]] * PLACES + [[0.1]] * 2)  # usual curvature at rest [1/m], and turn of a clamp [rad]
 _BESIDE = 0.01  # usual distance of a marker from the middle [m]
 _ALONG = 0.99  # cosine beyond which a tangent is along an axis
-_SLIGHTLY = 0.1  # of a usual bend, by which slopes are found
+_SLIGHTLY = 0.5  # of a usual bend, by which slopes are found: less drowns in what a soft cable does by chance
 
 
 class Shaped(Protocol):

@@ -93,6 +93,8 @@ class Candidates:
     recording are looked at. frames: simulated so far, in all worlds; told: called with it after each.
     """
 
+    step = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
+
     def __init__(
         self,
         scene: Scene,

@@ -11,7 +11,6 @@ from scipy.stats import qmc
 
 from cloth_sim_ros.identify.candidates import Candidates
 
-STEP = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
 _MOST_POINTS = 20  # of a descent
 _BEGINNINGS = (0.125, 0.25, 0.5)  # of a recording, that are followed before all of it
 _ROUGHLY = 1e-2  # of the range: how near the best place a beginning leads
@@ -111,10 +110,10 @@ def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float
 def slopes(candidates: Candidates, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residuals (n,) [m] of one candidate (P,), and their slopes (n, P) by its place between the bounds."""
     count = len(units)
-    width = np.log([each.high / each.low for each in candidates.sought])
-    steps = np.concatenate([np.zeros((1, count)), np.diag(STEP / width), -np.diag(STEP / width)])
+    step = candidates.step / np.log([each.high / each.low for each in candidates.sought])
+    steps = np.concatenate([np.zeros((1, count)), np.diag(step), -np.diag(step)])
     rows = candidates.residuals(units + steps)
-    return rows[0], ((rows[1 : 1 + count] - rows[1 + count :]) / (2.0 * STEP / width)[:, None]).T
+    return rows[0], ((rows[1 : 1 + count] - rows[1 + count :]) / (2.0 * step)[:, None]).T
 
 
 def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
