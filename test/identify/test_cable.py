@@ -122,7 +122,7 @@ def test_a_clamp_that_points_off_its_markers_is_found():
     units = fit_shape(candidates, units)
     at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)  # of which bends nearby take a part
     assert at_start > 3.0 * at_end and 0.05 < at_start < 0.16
-    assert mean_error(candidates.off(units[None])) < 0.15 * before
+    assert mean_error(candidates.off(units[None])) < 0.5 * before
 
 
 def test_frames_that_a_recorder_lost_are_put_back():
