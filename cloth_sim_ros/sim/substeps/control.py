@@ -212,6 +212,15 @@ def share_of(
     return SAFETY * error * wp.max(added / length, 1.0) / motion
 
 
+@wp.func
+def is_pressed(g: int, a: Arrays) -> bool:
+    """True if a collider pressed particle g in this frame; its velocity then jumps, by far more than steps err."""
+    colliders, pressed = a.colliders.shape[0], bool(False)
+    for c in range(colliders):
+        pressed = pressed or wp.length_sq(xyz(load_row(a.state.contact.contact_forces, g * colliders + c))) > 0.0
+    return pressed
+
+
 @compiled
 def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
     bodies = given[0].limits.shape[0]
@@ -225,8 +234,9 @@ def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
     h, part = length / float(n), float(0.0)
     for i in range(t, m.count, block):
         g = m.particles + i
-        mean = 0.5 * (xyz(load_row(s.velocities, g)) + s.last_velocities[g])
-        part += wp.length_sq(s.last_displacements[g] - h * mean)
+        if not is_pressed(g, given[w]):
+            mean = 0.5 * (xyz(load_row(s.velocities, g)) + s.last_velocities[g])
+            part += wp.length_sq(s.last_displacements[g] - h * mean)
     error = float(n) * size_of(total(part), m.count, limits)
     share = share_of(error, 2.0, n, 1, motion, length, growth, limits)
     better = wp.max(n, chosen(n, share, 2.0, n, afforded(n, s.control.since[b], limits), limits.error))
