@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Gripper, GripperDriver, Scene, Simulation
+from cloth_sim_ros.sim import Box, Cloth, Gripper, GripperDriver, Scene, Simulation
 
 GRAVITY, MASS, MU = 9.81, 0.05, 0.8
 NEEDED = MASS * GRAVITY / (2.0 * MU)  # [N] of each of two fingers, by Coulomb's law
@@ -181,3 +181,24 @@ def test_it_may_be_as_far_away_as_anything_may(device):
     driver.advance(sim)
     sim.step()
     assert (sim.get("hand_left.position")[1], sim.get("hand_right.position")[1]) == (-1e4 + 0.025, -1e4)
+
+
+@pytest.mark.parametrize("material", ["cotton", "towel"])
+def test_it_closes_on_an_edge_that_hangs_over_a_table_and_lifts_it(device, material):
+    cloth = Cloth.of(material, resolution=(13, 13), size=(0.2, 0.2), position=(0.13, 0, 0.004), pins="none")
+    ahead = (0.5, 0.5, 0.5, 0.5)  # the fingers point along x and open along z
+    gripper = Gripper((0.045, 0, -0.015), ahead, (0.1, 0.012, 0.03), max_opening=0.05, opening=0.05)
+    table = {"table": Box(half_extents=(0.2, 0.2, 0.1), position=(0.27, 0, -0.1))}
+    scene = Scene({"it": cloth}, {**table, **gripper.fingers("hand")})
+    sim, driver = Simulation(scene, fixed(substeps=20), device), GripperDriver("hand", gripper)
+    run(sim, driver, 60)
+    driver.press(1.0)
+    for _ in range(90):
+        run(sim, driver, 1)
+        assert driver.opening <= 2.0 * cloth.thickness or not driver.squeezes, "one finger alone squeezes nothing"
+    assert driver.opening <= 2.0 * cloth.thickness and driver.measure(sim) == pytest.approx(1.0, rel=0.05)
+    before = sim.positions("it")
+    held = (np.abs(before - (0.045, 0, -0.015)) < (0.01, 0.045, 0.003)).all(axis=1)
+    assert held.any()
+    run(sim, driver, 60, lambda frame: driver.move((0.045, 0, -0.015 + 0.1 * (frame + 1) / 60), ahead))
+    assert (sim.positions("it") - before)[held].mean(axis=0) == pytest.approx([0, 0, 0.1], abs=0.002)

@@ -13,6 +13,7 @@ from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
+    make_has_touched,
     make_is_squeezed,
     note_squeezed,
     share_of_friction,
@@ -255,7 +256,7 @@ def make_touch(features: Features):
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
     turn_at = _make_turn_at(features)
-    least, is_squeezed = least_mass(features), make_is_squeezed(features)
+    least, is_squeezed, has_touched = least_mass(features), make_is_squeezed(features), make_has_touched(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
@@ -292,13 +293,13 @@ def make_touch(features: Features):
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
                 squeezed = is_squeezed(i, collider, ctx)
-                slack = slack_of(collider, squeezed)
+                slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
                 reach, apart = material.thickness + slack, pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
                 gap = touching[3] + slack
                 if wp.static(leans):
                     gap = slack + exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset))
-                squeezed = is_between(squeezed, xyz(touching), c, ctx)
+                squeezed = is_between(squeezed, gap, slack, xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or acted:
                     n = xyz(touching)
                     gap += depth_before_middle(squeezed, collider, material.thickness)

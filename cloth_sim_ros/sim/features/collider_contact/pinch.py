@@ -3,7 +3,7 @@
 
 A point that both touch is squeezed until it leaves the space between them. It lies in the middle, as the loads from
 both sides cancel: they move nothing, but friction and wrenches have them. So neither the thickness of the thing nor
-the length of a substep bounds the force of a pinch.
+the length of a substep bounds the force of a pinch. What one of them alone has touched, however near the other, is not.
 
 A squeezed particle is held where it was, as by a handle (see grasp/hold.py), or slides against a friction that acts
 as its other forces do. Contact behind the lines of a sheet would come too late in a long substep, in which what hangs
@@ -22,12 +22,12 @@ _FACING = wp.constant(0.7)  # least cosine of the angle of a normal from the way
 
 
 @wp.func
-def slack_of(collider: ColliderMotion, squeezed: bool) -> float:
-    """Return how far from a collider a point that it squeezes may lie beyond the thickness [m].
+def slack_of(collider: ColliderMotion, squeezed: bool, touched: bool) -> float:
+    """Return how far from a collider a point that it squeezes, and has `touched`, may lie beyond the thickness [m].
 
     In a long substep other forces move a point by more than the thickness, before contact takes it back.
     """
-    return wp.where(squeezed, collider.reach, 0.0)
+    return wp.where(squeezed and touched, collider.reach, 0.0)
 
 
 @wp.func
@@ -48,9 +48,12 @@ def middle_of(c: int, ctx: Context) -> Sweep:
 
 
 @wp.func
-def is_between(squeezed: bool, normal: wp.vec3, c: int, ctx: Context) -> bool:
-    """Return True if a point is squeezed, and the local normal of collider c there points to its opposite one."""
-    if not squeezed:
+def is_between(squeezed: bool, gap: float, slack: float, normal: wp.vec3, c: int, ctx: Context) -> bool:
+    """Return True if a point that the opposite one of collider c touches is squeezed.
+
+    It is if collider c touches it at this gap, or has with this slack, and the local normal there points across.
+    """
+    if not squeezed or (gap >= 0.0 and slack == 0.0):
         return False
     return wp.dot(normal, ctx.state.contact.sweeps[ctx.sweep + c].to_local * across(c, ctx)) > _FACING
 
@@ -88,19 +91,37 @@ def share_of_friction(squeezed: bool, i: int, ctx: Context) -> float:
     return 1.0
 
 
+@wp.func
+def may_squeeze(collider: ColliderMotion, ctx: Context) -> bool:
+    """Return True if one point of the object fits into the gap to the opposite collider, not a bulge of it."""
+    return collider.squeeze > 0.0 and collider.half_gap <= ctx.material.thickness
+
+
 def make_is_squeezed(features: Features):
-    """Return a Warp function: True if a collider and its opposite one, which touched it now or a substep ago, squeeze
-    particle i.
+    """Return a Warp function: True if a collider may squeeze particle i: its opposite one touched it now or a substep
+    ago.
     """
 
     @wp.func
     def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
         if wp.static(features.pinches):
-            if collider.squeeze > 0.0:
+            if may_squeeze(collider, ctx):
                 return touch_of(i, collider.opposite - 1, ctx) > float(ctx.substep)
         return False
 
     return is_squeezed
+
+
+def make_has_touched(features: Features):
+    """Return a Warp function: True if collider c, which pinches, touched particle i now or a substep ago."""
+
+    @wp.func
+    def has_touched(i: int, c: int, ctx: Context) -> bool:
+        if wp.static(features.pinches):
+            return touch_of(i, c, ctx) > float(ctx.substep)
+        return False
+
+    return has_touched
 
 
 def make_is_facet_squeezed(features: Features):
@@ -109,7 +130,7 @@ def make_is_facet_squeezed(features: Features):
     @wp.func
     def is_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> bool:
         if wp.static(features.pinches):
-            if collider.squeeze > 0.0:
+            if may_squeeze(collider, ctx):
                 first = entry - entry % ctx.colliders.shape[0]
                 return ctx.state.contact.presses[first + collider.opposite - 1].when >= ctx.substep - 1
         return False

@@ -262,7 +262,7 @@ def make_press_on(features: Features):
         facet = facet_of(corners, ctx, sweep)
         thickness = ctx.material.thickness
         squeezed = is_squeezed(entry, collider, ctx)
-        slack = slack_of(collider, squeezed)
+        slack = slack_of(collider, squeezed, last.when >= ctx.substep - 1)
         weights = touched_in(facet, entry, collider, thickness + slack, ctx)
         w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
         if wp.max(weights) == 0.0 or (wp.max(weights) > CORNER and not squeezed) or w == 0.0:
@@ -272,8 +272,9 @@ def make_press_on(features: Features):
         p = point_of(facet, weights)
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
         c = entry % ctx.colliders.shape[0]
-        squeezed = is_between(squeezed, xyz(touching), c, ctx)
-        gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, slack + gap_of(touching, slip, p))
+        gap = slack + gap_of(touching, slip, p)
+        squeezed = is_between(squeezed, gap, slack, xyz(touching), c, ctx)
+        gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, gap)
         before = so_far_of(last, ctx)
         if gap >= 0.0 and before[3] == 0.0 and not squeezed:
             return press
