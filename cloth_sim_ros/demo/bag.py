@@ -7,8 +7,8 @@ from cloth_sim_ros.demo.driver import SceneDriver
 
 # name -> where the hand waits, where it holds the string below the ball, and where it has pulled it to: x, y, z [m]
 HANDS = {
-    "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.76, 0.19, 0.38)),
-    "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.19, -0.76, 0.38)),
+    "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.624, 0.061, 0.38)),
+    "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.051, -0.61, 0.38)),
 }
 LOWER, PULL, LIE = 0.8, 2.5, 1.5  # [s] until the string is low, until it is tight, and until all begins again
 
