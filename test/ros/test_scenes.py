@@ -116,6 +116,8 @@ def test_the_draw_string_closes_the_bag_around_the_ball():
     apart = np.linalg.norm(mouth - (0.0, 0.0, 0.5), axis=1)
     assert (np.linalg.norm(mouth[:, :2], axis=1) < 0.165).all() and apart.min() > 0.119, "it began 0.26 m wide"
     assert mouth[:, 2].mean() < 0.48, "it lies below the middle of the ball"
+    assert not bag.holds(bag.END), "or the next round begins with empty hands"
+    assert all(bag.hand(name, bag.END) == sim.scene.handles[name].position for name in bag.HANDS)
     gaps, _, broken = sim.stitches("hem")
     assert np.linalg.norm(gaps, axis=1).max() < 1e-4 and not broken.any()
 
