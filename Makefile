@@ -12,6 +12,7 @@ RUN := $(VENV)/bin/python
 # Three processes for two cores, as many tests wait for a node. A file stays in one, which compiles its kernels once.
 # Each has one thread for NumPy: those of several processes would wait for one another, up to 20 times as long.
 TESTS := OPENBLAS_NUM_THREADS=1 $(RUN) -m pytest -n 3 --dist loadfile
+EXTRAS := record,export,learn,identify,study,mujoco
 SOURCES := setup.py setup.cfg pyproject.toml Makefile
 
 .PHONY: demo extras test test-long format docs dist clean
@@ -21,7 +22,8 @@ demo: $(VENV)/ready-to-run
 
 extras: $(VENV)/ready-to-run
 	@echo "== Adding what recording, export, learning, identification and MuJoCo need"
-	@$(RUN) -m pip install --disable-pip-version-check --quiet --editable '.[viewer,record,export,learn,identify,study,mujoco]'
+	@$(RUN) -m pip install --disable-pip-version-check --quiet --editable '.[viewer,$(EXTRAS)]'
+	@touch $(VENV)/has-extras
 	@echo "== Done; docs/how-to tells what to do with it"
 
 test: $(VENV)/ready-to-test
@@ -49,7 +51,8 @@ dist: $(VENV)/ready-to-test
 clean:
 	rm -rf $(VENV) docs/_build build dist install log *.egg-info
 
-# Where rclpy is installed already, as by apt, it is used; elsewhere it comes as wheels from the Python registry.
+# Where rclpy is installed already, as by apt, it is used; elsewhere it comes as wheels from the Python registry. An
+# environment that had the extras gets them again.
 $(VENV)/ready-to-run: $(SOURCES)
 	@python=""; \
 	for candidate in $(PYTHON) python3 python3.12 python3.11 python3.13 python3.10; do \
@@ -59,10 +62,12 @@ $(VENV)/ready-to-run: $(SOURCES)
 	if [ -z "$$python" ]; then echo "No python3 of version 3.10 to 3.13 was found; name one: make PYTHON=..." >&2; exit 1; fi; \
 	options=; if "$$python" -c 'import rclpy' 2>/dev/null; then options=--system-site-packages; fi; \
 	echo "== Setting up $(VENV) with $$("$$python" --version); this is done once"; \
+	extras=; if [ -e $(VENV)/has-extras ]; then extras=,$(EXTRAS); fi; \
 	"$$python" -m venv --clear $$options $(VENV) || \
 	  { echo "Python cannot make environments; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }; \
-	if $(RUN) -c 'import rclpy' 2>/dev/null; then what='.[viewer]'; echo "== Using the ROS 2 that is installed"; \
-	else what='.[ros,viewer]'; echo "== Adding ROS 2 from wheels"; fi; \
+	if [ -n "$$extras" ]; then touch $(VENV)/has-extras; fi; \
+	if $(RUN) -c 'import rclpy' 2>/dev/null; then what=".[viewer$$extras]"; echo "== Using the ROS 2 that is installed"; \
+	else what=".[ros,viewer$$extras]"; echo "== Adding ROS 2 from wheels"; fi; \
 	$(RUN) -m pip install --disable-pip-version-check --editable "$$what"; \
 	touch $@; \
 	echo "== $(VENV) is ready to run"

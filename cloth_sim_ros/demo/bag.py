@@ -7,14 +7,21 @@ from cloth_sim_ros.demo.driver import SceneDriver
 
 # name -> where the hand waits, where it holds the string below the ball, and where it has pulled it to: x, y, z [m]
 HANDS = {
-    "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.76, 0.19, 0.38)),
-    "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.19, -0.76, 0.38)),
+    "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.624, 0.061, 0.38)),
+    "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.051, -0.61, 0.38)),
 }
-LOWER, PULL, LIE = 0.8, 2.5, 1.5  # [s] until the string is low, until it is tight, and until all begins again
+LOWER, PULL, LIE, AGAIN = (
+    0.8,
+    2.5,
+    1.5,
+    1.0,
+)  # [s] to lower the string, to pull it tight, to hold it, and to begin again
+END = LOWER + PULL + LIE + AGAIN
 
 
 def hand(name: str, t: float) -> tuple[float, float, float]:
-    """Position of a hand at time t [s]."""
+    """Position of a hand at time t [s]: back where it waits when it is empty."""
+    t = 0.0 if t > END - 0.5 * AGAIN else t
     wait, low, tight = HANDS[name]
     begin, end, share = (wait, low, t / LOWER) if t < LOWER else (low, tight, (t - LOWER) / PULL)
     share = min(max(share, 0.0), 1.0)
@@ -22,15 +29,21 @@ def hand(name: str, t: float) -> tuple[float, float, float]:
     return tuple(a + along * (b - a) for a, b in zip(begin, end, strict=True))
 
 
+def holds(t: float) -> bool:
+    """Whether the hands hold the string at time t [s]."""
+    return t < END - AGAIN
+
+
 class Driver(SceneDriver):
-    """Moves the hands, and begins again."""
+    """Moves the hands, has them let go, and begins again."""
 
     def __init__(self):
         super().__init__("bag", moves=[f"handles/{name}" for name in HANDS])
 
     def drive(self, t: float) -> None:
-        """Poses of this moment."""
+        """Poses and grasps of this moment."""
         for name in HANDS:
             self.move(f"handles/{name}", hand(name, t))
-        if t > LOWER + PULL + LIE:
+            self.hold(f"handles/{name}", holds(t))
+        if t > END:
             self.begin_again()

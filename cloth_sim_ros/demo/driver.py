@@ -194,6 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"cloth_sim_driver: {error}", file=sys.stderr)
         return 1
     driver.go_at(options.rate)
+    print(f"driving {options.scene} at {driver.named}, until Ctrl-C", flush=True)
     try:
         rclpy.spin(driver)
     except (KeyboardInterrupt, ExternalShutdownException):

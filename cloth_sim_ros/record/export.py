@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 from pathlib import Path
 
@@ -46,14 +47,19 @@ def export(bag: Path, out: Path, rate: float) -> int:
     film = film_of(Bag(bag), rate)
     for sentence in film.left_out:
         print(sentence)
-    if out.suffix == ".glb":
-        from cloth_sim_ros.record.gltf import write_glb
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.suffix == ".glb":
+            from cloth_sim_ros.record.gltf import write_glb
 
-        write_glb(film, out)
-    else:
-        from cloth_sim_ros.record.movie import write_movie
+            write_glb(film, out)
+        else:
+            from cloth_sim_ros.record.movie import write_movie
 
-        write_movie(film, out, rate)
+            write_movie(film, out, rate)
+    except (OSError, subprocess.CalledProcessError) as error:  # the second is of ffmpeg
+        why = error.strerror if isinstance(error, OSError) else f"ffmpeg ends with status {error.returncode}"
+        raise ValueError(f"{out} cannot be written: {why}") from None
     return len(film.times)
 
 

@@ -35,8 +35,7 @@ def furnish(server: viser.ViserServer) -> None:
     scene.add_grid("/ground", infinite_grid=True, **LINES)
     gui.configure_theme(brand_color=BRAND, show_logo=False, show_share_button=False, control_width="large")
     server.initial_camera.fov = FIELD_OF_VIEW
-    camera = server.initial_camera
-    server.on_client_connect(lambda client: _frame(client, camera.position, camera.look_at))
+    server.on_client_connect(lambda client: welcome(server, client))
     gui.set_panel_label("cloth_sim")
     gui.main_panel.dock_right()
 
@@ -48,10 +47,29 @@ def look_from(server: viser.ViserServer, position: tuple, at: tuple) -> None:
         _frame(client, position, at)
 
 
+def welcome(server: viser.ViserServer, client: viser.ClientHandle) -> None:
+    """Puts the camera of who comes, and again when their window becomes narrow or wide."""
+    begin = server.initial_camera
+    was_narrow = _is_narrow(client.camera)
+
+    def look_again(camera: viser.CameraHandle) -> None:
+        nonlocal was_narrow
+        if _is_narrow(camera) != was_narrow:
+            was_narrow = not was_narrow
+            _frame(client, begin.position, begin.look_at)
+
+    client.camera.on_update(look_again)
+    _frame(client, begin.position, begin.look_at)
+
+
+def _is_narrow(camera: viser.CameraHandle) -> bool:
+    return camera.image_width < NARROW * camera.image_height
+
+
 def _frame(client: viser.ClientHandle, position: tuple, at: tuple) -> None:
     """Puts the camera of one client; in a narrow window what it looks at stands above the panel."""
     position, at = np.asarray(position, dtype=float), np.asarray(at, dtype=float)
-    if client.camera.image_width < NARROW * client.camera.image_height:
+    if _is_narrow(client.camera):
         way = FARTHER * (at - position)
         across = np.cross(way, (0.0, 0.0, 1.0))
         across = across if across.any() else np.array((1.0, 0.0, 0.0))  # straight down or up

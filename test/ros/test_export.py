@@ -172,6 +172,23 @@ def test_what_cannot_be_exported_is_told_in_a_sentence(bag, tmp_path):
     assert "ends in .obj; allowed are .glb, .mp4, .gif" in export(bag, tmp_path / "cloth.obj", status=1)
     assert "is not there" in export(tmp_path / "none", tmp_path / "cloth.glb", status=1)
     assert "--rate is 0; allowed is" in export(bag, tmp_path / "cloth.glb", "--rate", "0", status=1)
+    (tmp_path / "file").touch()
+    for name, why in {
+        "folder.glb": "Is a directory",
+        "folder.mp4": "ffmpeg ends with status",
+        "file": "File exists",
+        "file/cloth.glb": "File exists",
+    }.items():
+        if name.startswith("folder"):
+            (tmp_path / name).mkdir()
+        told = export(bag, tmp_path / name, "--rate", "4", status=1)
+        assert told.splitlines()[-1].startswith(f"cloth_sim_export: {tmp_path / name} cannot be written: {why}"), told
+
+
+@pytest.mark.long
+def test_the_folder_of_a_file_is_made(bag, tmp_path):
+    export(bag, tmp_path / "a/b/cloth.glb", "--rate", "4")
+    assert (tmp_path / "a/b/cloth.glb").stat().st_size > 0
 
 
 @pytest.mark.long

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cloth_sim_ros.viewer.look import FIELD_OF_VIEW, look_from
+from cloth_sim_ros.viewer.look import FIELD_OF_VIEW, look_from, welcome
 
 
 def put(width, height, position, at=(0.0, 0.0, 0.5)):
@@ -33,3 +33,21 @@ def test_in_a_narrow_window_what_it_looks_at_stands_in_the_upper_part(size, posi
     off = seen / (seen @ way) - way  # from the middle of the picture, one unit before the camera
     assert np.linalg.norm(off) / (2.0 * np.tan(0.5 * FIELD_OF_VIEW)) == pytest.approx(0.2, rel=1e-6)
     assert off[2] > 0.0 or abs(way[2]) > 0.99
+
+
+def test_a_window_that_becomes_narrow_or_wide_is_framed_anew():
+    position, at = (1.0, -2.0, 1.0), (0.0, 0.0, 0.5)
+    heard = []
+    camera = SimpleNamespace(image_width=1600, image_height=900, on_update=heard.append)
+    server = SimpleNamespace(initial_camera=SimpleNamespace(position=position, look_at=at))
+    welcome(server, SimpleNamespace(camera=camera))
+    np.testing.assert_array_equal(camera.position, position)
+    camera.position, camera.image_width = (3.0, 3.0, 3.0), 1200
+    heard[0](camera)
+    assert camera.position == (3.0, 3.0, 3.0), "who turned the camera keeps it"
+    camera.image_width = 420
+    heard[0](camera)
+    np.testing.assert_array_equal(camera.position, put(420, 900, position, at).position)
+    camera.image_width = 1600
+    heard[0](camera)
+    np.testing.assert_array_equal(camera.position, position)

@@ -15,8 +15,9 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     """Outward normal (x, y, z) and signed distance [m], positive outside, of local point p [m].
 
     The nearest point q has q_i = s_i^2 p_i / (t + s_i^2) for radii s (Eberly 2013, Distance from a point to an
-    ellipsoid). With u_i = q_i / s_i, Newton's method solves 1 / |u| = 1 for t, which is nearly linear and concave: it
-    never overshoots from below (More and Sorensen 1983).
+    ellipsoid). With u_i = q_i / s_i, Newton's method solves 1 / |u| = 1 for t, which is nearly linear and concave: from
+    anywhere it lands below, and never overshoots from there (More and Sorensen 1983). It starts at the surface, where
+    cloth is, and stops where another step would move it by less than its rounding.
     """
     scale = wp.max(size[0], wp.max(size[1], size[2]))
     s = size / scale
@@ -25,8 +26,9 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
     # Solve for t + least, the distance from the pole, which would else be the difference of two large numbers.
     least = wp.min(s[0] * s[0], wp.min(s[1] * s[1], s[2] * s[2]))
     above = wp.vec3(s[0] * s[0] - least, s[1] * s[1] - least, s[2] * s[2] - least)
-    t = wp.max(s[0] * y[0] - above[0], wp.max(s[1] * y[1] - above[1], s[2] * y[2] - above[2]))
-    for _ in range(8):
+    lowest = wp.max(s[0] * y[0] - above[0], wp.max(s[1] * y[1] - above[1], s[2] * y[2] - above[2]))
+    t = wp.max(lowest, least)
+    for _ in range(9):
         square = float(0.0)
         slope = float(0.0)
         for k in range(3):
@@ -34,7 +36,10 @@ def signed_distance(p: wp.vec3, size: wp.vec3) -> wp.vec4:
             part = (s[k] * y[k] * inverse) * (s[k] * y[k] * inverse)
             square += part
             slope += part * inverse
-        t += square * (wp.sqrt(square) - 1.0) / wp.max(slope, 1.0e-12)
+        step = square * (wp.sqrt(square) - 1.0) / wp.max(slope, 1.0e-12)
+        t = wp.max(t + step, lowest)
+        if wp.abs(step) < 1.0e-4 * t:  # convergence is quadratic
+            break
     q = wp.vec3(0.0)
     n = wp.vec3(0.0)
     for k in range(3):
