@@ -10,12 +10,7 @@ HANDS = {
     "left": ((-0.445, -0.276, 0.64), (-0.36, -0.19, 0.38), (-0.624, 0.061, 0.38)),
     "right": ((-0.308, -0.406, 0.64), (-0.22, -0.32, 0.38), (0.051, -0.61, 0.38)),
 }
-LOWER, PULL, LIE, AGAIN = (
-    0.8,
-    2.5,
-    1.5,
-    1.0,
-)  # [s] to lower the string, to pull it tight, to hold it, and to begin again
+LOWER, PULL, LIE, AGAIN = 0.8, 2.5, 1.5, 1.0  # [s] to lower the string, to pull it tight, to hold it, to begin again
 END = LOWER + PULL + LIE + AGAIN
 
 
@@ -30,7 +25,7 @@ def hand(name: str, t: float) -> tuple[float, float, float]:
 
 
 def holds(t: float) -> bool:
-    """Whether the hands hold the string at time t [s]."""
+    """True if the hands hold the string at time t [s]."""
     return t < END - AGAIN
 
 
