@@ -41,6 +41,8 @@ _SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBU
 _RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
 # Turns that are looked for [rad], a whole one: 0 of a straight cable and half a turn of a U lie well within.
 _TURNED = (-0.5 * math.pi, 1.5 * math.pi)
+_TURNS = 12  # of these, from which a way down may begin, each with torsional rigidities that are so many times EI
+_TORSIONS = (0.25, 1.0, 4.0)
 
 
 @wp.func
@@ -190,6 +192,18 @@ class CableCandidates:
 
     def settle(self, units: np.ndarray) -> None:
         """Do nothing: markers are known by number, so that nothing is to be judged."""
+
+    def others(self, units: np.ndarray) -> np.ndarray:
+        """(K, P) places like a candidate (P,), with turns all around and torsion of each of _TORSIONS.
+
+        The misfit has several minima in the turn. In the wrong one the cable seems to resist no twist.
+        """
+        places = np.tile(units, (len(_TORSIONS), _TURNS, 1))
+        compliance, twist = self.values(units[None])[0, 0], self.sought[3]
+        soft = np.log(compliance / np.array(_TORSIONS) / twist.low) / np.log(twist.high / twist.low)
+        places[..., 3] = np.clip(soft, 0.0, 1.0)[:, None]
+        places[..., -1] = (np.arange(_TURNS) + 0.5) / _TURNS
+        return places.reshape(-1, len(units))
 
     def refine(self, units: np.ndarray) -> np.ndarray:
         """Find the cable's shape, if it is `shaped`, near a good candidate (P,); return the one that is good with it.

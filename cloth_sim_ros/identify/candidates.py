@@ -184,6 +184,10 @@ class Candidates:
         rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
+    def others(self, units: np.ndarray) -> np.ndarray:
+        """(K, P) places to which no way leads down from a good candidate (P,), and that may be better: none here."""
+        return np.zeros((0, len(units)))
+
     def refine(self, units: np.ndarray) -> np.ndarray | None:
         """Judge more closely from now on, near a good candidate (P,), and return it; None if nothing changes.
 

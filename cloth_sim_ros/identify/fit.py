@@ -63,21 +63,22 @@ def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarra
     """A place (P,) from which the way down ends well, from places (K, P) and their squares (K, F) up to each time.
 
     A sheet that buckles in another way leaves a misfit with many minima. Its beginning has one, so that is followed
-    first, and then ever more of the recording. What the whole of it likes better wins.
+    first, and then ever more of the recording. What the whole of it likes best wins, of this, of the places and of
+    `candidates.others`.
     """
     frames = len(candidates.times)
     found = places[np.argmin(squares[:, -1])]
     for share in _BEGINNINGS:
         candidates.until = max(1, round(share * frames))
-        found = _better(candidates, found, places[np.argmin(squares[:, candidates.until - 1])])
+        found = _best(candidates, [found, places[np.argmin(squares[:, candidates.until - 1])]])
         found = by_least_squares(candidates, found, _ROUGHLY)
     candidates.until = frames
-    return _better(candidates, found, places[np.argmin(squares[:, -1])])
+    return _best(candidates, [found, places[np.argmin(squares[:, -1])], *candidates.others(found)])
 
 
-def _better(candidates: Candidates, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """That of two places (P,) whose squares are less."""
-    return (one, other)[np.argmin(candidates.squares(np.stack([one, other]))[:, -1])]
+def _best(candidates: Candidates, places: list[np.ndarray]) -> np.ndarray:
+    """That of places (P,) whose squares are least."""
+    return places[np.argmin(candidates.squares(np.stack(places))[:, -1])]
 
 
 def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:
