@@ -47,11 +47,10 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     start = places[np.argmin(squares[:, -1])]
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
-    units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
-    refined = candidates.refine(units)
-    if refined is not None:
-        units = by_least_squares(candidates, refined)
-    return start, estimate(candidates, units)
+    begun = by_beginnings(candidates, places, squares)
+    ends = [by_least_squares(candidates, each, candidates.near) for each in (begun, *candidates.others(begun))]
+    refined = candidates.refine(ends)
+    return start, estimate(candidates, ends[0] if refined is None else by_least_squares(candidates, refined))
 
 
 def evenly(numbers: int, count: int, seed: int = 0) -> np.ndarray:
@@ -63,22 +62,21 @@ def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarra
     """A place (P,) from which the way down ends well, from places (K, P) and their squares (K, F) up to each time.
 
     A sheet that buckles in another way leaves a misfit with many minima. Its beginning has one, so that is followed
-    first, and then ever more of the recording. What the whole of it likes best wins, of this, of the places and of
-    `candidates.others`.
+    first, and then ever more of the recording. What the whole of it likes better wins.
     """
     frames = len(candidates.times)
     found = places[np.argmin(squares[:, -1])]
     for share in _BEGINNINGS:
         candidates.until = max(1, round(share * frames))
-        found = _best(candidates, [found, places[np.argmin(squares[:, candidates.until - 1])]])
+        found = _better(candidates, found, places[np.argmin(squares[:, candidates.until - 1])])
         found = by_least_squares(candidates, found, _ROUGHLY)
     candidates.until = frames
-    return _best(candidates, [found, places[np.argmin(squares[:, -1])], *candidates.others(found)])
+    return _better(candidates, found, places[np.argmin(squares[:, -1])])
 
 
-def _best(candidates: Candidates, places: list[np.ndarray]) -> np.ndarray:
-    """That of places (P,) whose squares are least."""
-    return places[np.argmin(candidates.squares(np.stack(places))[:, -1])]
+def _better(candidates: Candidates, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """That of two places (P,) whose squares are less."""
+    return (one, other)[np.argmin(candidates.squares(np.stack([one, other]))[:, -1])]
 
 
 def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:

@@ -120,10 +120,10 @@ def test_a_clamp_that_points_off_its_markers_is_found():
     low, high = (np.log([getattr(each, end) for each in candidates.sought]) for end in ("low", "high"))
     units = (np.log([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0]) - low) / (high - low)
     before = mean_error(candidates.off(units[None]))
-    units = fit_shape(candidates, units)
+    units = fit_shape(candidates, units)[0]
     at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)  # of which bends nearby take a part
     assert at_start > 3.0 * at_end and 0.05 < at_start < 0.16
-    assert mean_error(candidates.off(units[None])) < 0.5 * before
+    assert mean_error(candidates.off(units[None])) < 0.2 * before
 
 
 def test_another_turn_is_found_from_one_without_torsion():
@@ -132,9 +132,7 @@ def test_another_turn_is_found_from_one_without_torsion():
     candidates = CableCandidates(Cable(markers.lengths(), between=PER, density=MASS / LENGTH), markers, 12, 4, "cpu")
     low, high = (np.log([getattr(each, end) for each in candidates.sought]) for end in ("low", "high"))
     astray = (np.log([1.0 / EI, BEND_DAMPING, DRAG, np.exp(high[3]), np.exp(-0.5)]) - low) / (high - low)
-    others = candidates.others(astray)
-    best = others[np.argmin(candidates.squares(others)[:, -1])]
-    for start, arrives in ((astray, False), (best, True)):
+    for start, arrives in ((astray, False), (candidates.others(astray)[0], True)):
         found = candidates.values(by_least_squares(candidates, start)[None])[0]
         assert (found[3:] == pytest.approx([1.0 / GJ, np.exp(turn)], rel=0.05)) is arrives
 
