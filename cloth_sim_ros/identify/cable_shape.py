@@ -112,7 +112,9 @@ def _step(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarr
     right[count:] += worth * theta
     matrix = jacobian.T @ jacobian + np.diag([0.0] * count + [worth] * len(theta))
     moves = np.stack([-np.linalg.solve(matrix + damped * np.diag(np.diag(matrix)), right) for damped in _DAMPED])
-    trials, shapes = np.clip(units + moves[:, :count], 1e-3, 1.0 - 1e-3), moves[:, count:]
+    trials, shapes = units + moves[:, :count], moves[:, count:]
+    trials[:, -1] %= 1.0  # a whole turn
+    trials = np.clip(trials, 1e-3, 1.0 - 1e-3)
     costs = (candidates.soft(candidates.off(trials, shapes=shapes)) ** 2).sum(axis=1)
     costs += worth * ((theta + shapes) ** 2).sum(axis=1)
     best = costs.argmin()
