@@ -12,7 +12,6 @@ from scipy.interpolate import CubicSpline
 
 from cloth_sim_ros.identify.cable import Cable
 from cloth_sim_ros.identify.cable_shape import (
-    BENDS,
     as_numbers,
     fit_shape,
     from_numbers,
@@ -41,6 +40,8 @@ _SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBU
 _RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
 # Turns that are looked for [rad], a whole one: 0 of a straight cable and half a turn of a U lie well within.
 _TURNED = (-0.5 * math.pi, 1.5 * math.pi)
+_TURNS = 12  # of these, from which a way down may begin, each with torsional rigidities that are so many times EI
+_TORSIONS = (0.25, 1.0, 4.0)
 
 
 @wp.func
@@ -117,6 +118,7 @@ class CableCandidates:
         self.alike = 3 * len(self.free) * markers.rate * math.sqrt(cable.lengths.sum() / _GRAVITY)
         self._turned = {m: self._turns(m) for m in cable.held_markers}
         self._headings = headings(self._tangents(0)[:, 0])
+        self.near = 0.1 if shaped else 1e-4  # see Candidates; a shape changes all numbers
         self._noise: np.ndarray | None = None
         self._kept: list[np.ndarray] | None = None
         self._make(together)
@@ -191,15 +193,28 @@ class CableCandidates:
     def settle(self, units: np.ndarray) -> None:
         """Do nothing: markers are known by number, so that nothing is to be judged."""
 
-    def refine(self, units: np.ndarray) -> np.ndarray:
-        """Find the cable's shape, if it is `shaped`, near a good candidate (P,); return the one that is good with it.
+    def others(self, units: np.ndarray) -> np.ndarray:
+        """(1, P): the best of places like a candidate (P,), with turns all around and each torsion of _TORSIONS.
+
+        The misfit has several minima in the turn. In the wrong one the cable seems to resist no twist.
+        """
+        places = np.tile(units, (len(_TORSIONS), _TURNS, 1))
+        compliance, twist = self.values(units[None])[0, 0], self.sought[3]
+        soft = np.log(compliance / np.array(_TORSIONS) / twist.low) / np.log(twist.high / twist.low)
+        places[..., 3] = np.clip(soft, 0.0, 1.0)[:, None]
+        places[..., -1] = (np.arange(_TURNS) + 0.5) / _TURNS
+        places = places.reshape(-1, len(units))
+        return places[[self.squares(places)[:, -1].argmin()]]
+
+    def refine(self, ends: list[np.ndarray]) -> np.ndarray:
+        """Find the cable's shape, if it is `shaped`, near each of good candidates (P,), and return the best with it.
 
         From now on, what noise at the start and in lengths does counts less in residuals. Residuals are whitened by
         their covariance (generalised least squares, Aitken 1935). It has noise at each marker, and what this noise
         does to starts and lengths. Lengths between markers are corrected before by what splines through the
         candidate's markers miss of its own.
         """
-        units, seen = fit_shape(self, units) if self._shaped else units, self._seen[:, self.first :]
+        units, seen = self._best(ends), self._seen[:, self.first :]
         off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self.markers.count]
         was, now = (Markers(list(rows), self.markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
@@ -210,6 +225,17 @@ class CableCandidates:
         shapes, sizes, _ = np.linalg.svd(slopes / np.sqrt(np.nanmean(off**2)), full_matrices=False)
         self._noise = shapes * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
         return units
+
+    def _best(self, ends: list[np.ndarray]) -> np.ndarray:
+        """The best of candidates (P,), with its shape if this is to be found."""
+        if not self._shaped:
+            return ends[self.squares(np.stack(ends))[:, -1].argmin()]
+        straight, found = self.shape, []
+        for each in ends:
+            self.shape = straight
+            found.append((*fit_shape(self, each, roughly=True), self.shape))
+        units, _, self.shape = min(found, key=lambda each: each[1])
+        return fit_shape(self, units)[0]
 
     def _lengthen(self, more: np.ndarray, together: int) -> None:
         self.cable = dataclasses.replace(self.cable, lengths=self.cable.lengths + more)
@@ -240,25 +266,25 @@ class CableCandidates:
         """Values of what is sought, from places (K, P) between its bounds."""
         return values_of(self.sought, units)
 
-    def off(self, units: np.ndarray, moves: np.ndarray | None = None, bends: np.ndarray | None = None) -> np.ndarray:
+    def off(self, units: np.ndarray, moves: np.ndarray | None = None, shapes: np.ndarray | None = None) -> np.ndarray:
         """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
 
         Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
 
         moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
-        bends (K, BENDS, 2): the same to the bends at rest.
+        shapes (K, S): what is added to the `shape`.
         """
-        bends = np.zeros((len(units), BENDS, 2)) if bends is None else bends
+        shapes = np.zeros((len(units), 1)) if shapes is None else shapes
         moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
         parts = [slice(k, k + self.worlds) for k in range(0, len(units), self.worlds)]
-        return np.concatenate([self._run(units[part], moves[part], bends[part]) for part in parts])
+        return np.concatenate([self._run(units[part], moves[part], shapes[part]) for part in parts])
 
-    def by_offsets(self, units: np.ndarray) -> np.ndarray:
-        """(until, R, M, 3, 2) changes of `off` of one candidate (P,) by the two offsets of each marker."""
-        self._kept = []
-        self._run(units[None], np.zeros((1, 1, 1, 1)), np.zeros((1, BENDS, 2)))
-        kept, self._kept = self._kept[-self.until :], None
-        return np.array(kept)[:, : len(self._seen)]
+    def off_and_beside(self, units: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As `off`; (until, R, M, 3, 2) changes of the first candidate's by the two offsets of each marker."""
+        self._kept, begun = [], (_CORRECTIONS + 1) * self.first
+        off = self.off(units, shapes=shapes)
+        kept, self._kept = self._kept[begun : begun + self.until], None
+        return off, np.array(kept)
 
     def soft(self, off: np.ndarray) -> np.ndarray:
         """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
@@ -291,7 +317,7 @@ class CableCandidates:
         self.sim.set("solver.substeps", substeps)
         return ((fine - coarse) / 0.75)[None]
 
-    def _run(self, units: np.ndarray, moves: np.ndarray, bends: np.ndarray) -> np.ndarray:
+    def _run(self, units: np.ndarray, moves: np.ndarray, shapes: np.ndarray) -> np.ndarray:
         """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
         runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
         values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
@@ -300,7 +326,9 @@ class CableCandidates:
             sim.set(each.name, np.repeat(column, runs))
         turned = self._turns_between + self.sought[-1].shown(values[:, -1])[:, None]
         sim.set(self.sought[-1].name, np.remainder(turned + math.pi, 2.0 * math.pi).ravel() - math.pi)
-        rest = self.cable.rest_turns(self.cable.bends + bends[filled])
+        bends, offsets = from_numbers(self.shape + shapes[filled])
+        self._offsets = np.repeat(offsets, runs, axis=0)
+        rest = self.cable.rest_turns(bends)
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
         self._begin_well(moves)
@@ -345,7 +373,7 @@ class CableCandidates:
 
     def _beside(self) -> np.ndarray | float:
         """(worlds, M, 3) [m] from the cable's middle to its markers."""
-        if self.cable.offsets is None and self._kept is None:
+        if not self._offsets.any() and self._kept is None:
             return 0.0
         u = self.sim.directors(NAME, None)
         edges = np.diff(self.sim.positions(NAME, None).astype(np.float64), axis=1)
@@ -356,11 +384,10 @@ class CableCandidates:
         every = np.zeros((len(both), self.markers.count, 3, 2))
         every[:, self.free] = both
         if self._kept is not None:
-            self._kept.append(every)
-        offsets = np.zeros((self.markers.count, 2))
-        if self.cable.offsets is not None:
-            offsets[self.free] = self.cable.offsets
-        return np.einsum("wmca,ma->wmc", every, offsets)
+            self._kept.append(every[: len(self._seen)])
+        beside = np.zeros(every.shape[:3])
+        beside[:, self.free] = np.einsum("wmca,wma->wmc", both, self._offsets)
+        return beside
 
     def _hold(self, frame: int, sweep: bool) -> None:
         """Hands are at the held markers at the end of the next frame, or at once."""

@@ -11,14 +11,15 @@ from cloth_sim_ros.sim.topology.rope import across, directors
 
 PLACES = 4  # along the cable, between which the curvature at rest is linear
 BENDS = PLACES + 2  # with turns at the two clamps
-_STEPS = 5  # of Gauss and Newton at most
+_STEPS, _FEW = 4, 3  # of Gauss and Newton at most, with slopes of one width
 _LEAST = 0.01  # share by which a step lessens the misfit, or it was the last
-_DAMPED = (1e-4, 0.03, 0.3, 3.0)  # shares of the diagonal that are added, one after another (Marquardt 1963)
-_UNIT = 0.02  # by which slopes by a number between its bounds are found
+_DAMPED = np.geomspace(1e-4, 30.0, 11)  # shares of the diagonal that are added (Marquardt 1963); a batch of worlds
+_UNIT = 0.04  # times that width is the one by which slopes by a number between its bounds are found
 _BENT = np.array([[1.0]] * PLACES + [[0.1]] * 2)  # usual curvature at rest [1/m], and turn of a clamp [rad]
 _BESIDE = 0.01  # usual distance of a marker from the middle [m]
 _ALONG = 0.99  # cosine beyond which a tangent is along an axis
-_SLIGHTLY = 0.5  # of a usual bend, by which slopes are found: less drowns in what a soft cable does by chance
+# Of a usual bend, by which slopes are found, one after another. Narrow ones drown in what a soft cable does by chance.
+_WIDTHS = (0.5, 0.2)
 
 
 class Shaped(Protocol):
@@ -30,9 +31,9 @@ class Shaped(Protocol):
     alike: float
 
     def off(
-        self, units: np.ndarray, moves: np.ndarray | None = None, bends: np.ndarray | None = None
+        self, units: np.ndarray, moves: np.ndarray | None = None, shapes: np.ndarray | None = None
     ) -> np.ndarray: ...
-    def by_offsets(self, units: np.ndarray) -> np.ndarray: ...
+    def off_and_beside(self, units: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
     def soft(self, off: np.ndarray) -> np.ndarray: ...
     def softness(self, off: np.ndarray) -> np.ndarray: ...
 
@@ -81,47 +82,58 @@ def turn_between(points: np.ndarray) -> float:
     return float(np.arctan2(np.cross(u, heading(t)) @ t, u @ heading(t)))
 
 
-def fit_shape(candidates: Shaped, units: np.ndarray) -> np.ndarray:
+def fit_shape(candidates: Shaped, units: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, float]:
     """Find bends at rest and distances of markers together with all numbers, from those at `units` (P,).
 
-    They go into `candidates.cable`; returns the units. Gauss and Newton's steps, with a usual size as their prior. This
-    counts as much as the `alike` numbers of which an error of the model makes the same.
+    They go into `candidates.shape`; returns the units and the misfit with its prior [m^2]. Steps are Gauss and
+    Newton's, with a usual size as the prior. This counts as much as the `alike` numbers of which an error of the model
+    makes the same. Where wide slopes lead no further, narrow ones do. roughly: a few steps only, to compare candidates
+    by.
     """
-    for _ in range(_STEPS):
-        before, jacobian = _slopes(candidates, units)
-        theta, worth = candidates.shape, (before @ before) / candidates.count * candidates.alike
-        right = jacobian.T @ before
-        right[len(units) :] += worth * theta
-        matrix = jacobian.T @ jacobian
-        matrix[len(units) :, len(units) :] += worth * np.eye(len(theta))
-        cost, least = before @ before + worth * theta @ theta, np.inf
-        for damped in _DAMPED:
-            move = -np.linalg.solve(matrix + damped * np.diag(np.diag(matrix)), right)
-            trial, candidates.shape = np.clip(units + move[: len(units)], 1e-3, 1.0 - 1e-3), theta + move[len(units) :]
-            after = candidates.soft(candidates.off(trial[None]))[0]
-            least = after @ after + worth * candidates.shape @ candidates.shape
-            if least < cost:
+    cost = np.inf
+    for width in _WIDTHS[:1] if roughly else _WIDTHS:
+        for _ in range(_FEW if roughly else _STEPS):
+            units, was, cost = _step(candidates, units, width)
+            if cost > (1.0 - _LEAST) * was:
                 break
-        if least >= cost:
-            candidates.shape = theta
-            return units
-        units = trial
-        if least > (1.0 - _LEAST) * cost:
-            return units
-    return units
+    return units, cost
 
 
-def _slopes(candidates: Shaped, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape."""
-    count, bent = len(units), 2 * BENDS
+def _step(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarray, float, float]:
+    """A step from candidate (P,) and its shape: where it ends, and its cost before and after.
+
+    It is damped in several ways side by side. The best is taken, if it lessens the cost.
+    """
+    count, share, theta = len(units), candidates.alike / candidates.count, candidates.shape
+    before, jacobian = _slopes(candidates, units, width)
+    worth = share * (before @ before)
+    cost = before @ before + worth * theta @ theta
+    right = jacobian.T @ before
+    right[count:] += worth * theta
+    matrix = jacobian.T @ jacobian + np.diag([0.0] * count + [worth] * len(theta))
+    moves = np.stack([-np.linalg.solve(matrix + damped * np.diag(np.diag(matrix)), right) for damped in _DAMPED])
+    trials, shapes = units + moves[:, :count], moves[:, count:]
+    trials[:, -1] %= 1.0  # a whole turn
+    trials = np.clip(trials, 1e-3, 1.0 - 1e-3)
+    costs = (candidates.soft(candidates.off(trials, shapes=shapes)) ** 2).sum(axis=1)
+    costs += worth * ((theta + shapes) ** 2).sum(axis=1)
+    best = costs.argmin()
+    if costs[best] >= cost:
+        return units, cost, cost
+    candidates.shape = theta + shapes[best]
+    return trials[best], cost, costs[best]
+
+
+def _slopes(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape, bends of the width."""
+    count, bent, free = len(units), 2 * BENDS, candidates.free
     rows = np.tile(units, (1 + count + bent, 1))
-    rows[1 : 1 + count] += _UNIT * np.eye(count)
-    bends = np.zeros((len(rows), bent))
-    bends[1 + count :] = _SLIGHTLY * np.eye(bent)
-    off = candidates.off(rows, bends=_BENT * bends.reshape(-1, BENDS, 2))
-    by_offsets, free = candidates.by_offsets(units), candidates.free
+    rows[1 : 1 + count] += _UNIT * width * np.eye(count)
+    shapes = np.zeros((len(rows), bent + 2 * len(free)))
+    shapes[1 + count :, :bent] = width * np.eye(bent)
+    off, by_offsets = candidates.off_and_beside(rows, shapes)
     soft = candidates.soft(off)
-    steps = np.array([_UNIT] * count + [_SLIGHTLY] * bent)
+    steps = np.array([_UNIT * width] * count + [width] * bent)
     jacobian = (soft[1:] - soft[0]).T / steps[:, None].T
     beside = np.zeros((*off[0].shape, len(free), 2))
     for k, marker in enumerate(free):
@@ -131,10 +143,11 @@ def _slopes(candidates: Shaped, units: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def as_numbers(bends: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """(S,) usual sizes of bends (BENDS, 2) and offsets of free markers (F, 2) [m], see cable.Cable."""
+    """(S,) in usual sizes: bends (BENDS, 2), then offsets of free markers (F, 2) [m], see cable.Cable."""
     return np.concatenate([(bends / _BENT).ravel(), offsets.ravel() / _BESIDE])
 
 
 def from_numbers(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The inverse of `as_numbers`."""
-    return _BENT * numbers[: 2 * BENDS].reshape(-1, 2), _BESIDE * numbers[2 * BENDS :].reshape(-1, 2)
+    bends, offsets = (part.reshape(*part.shape[:-1], -1, 2) for part in np.split(numbers, [2 * BENDS], axis=-1))
+    return _BENT * bends, _BESIDE * offsets

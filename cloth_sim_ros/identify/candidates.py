@@ -94,6 +94,7 @@ class Candidates:
     """
 
     step = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
+    near = 1e-4  # of the range: how near the best place `refine` wants its candidates
 
     def __init__(
         self,
@@ -184,14 +185,18 @@ class Candidates:
         rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
-    def refine(self, units: np.ndarray) -> np.ndarray | None:
-        """Judge more closely from now on, near a good candidate (P,), and return it; None if nothing changes.
+    def others(self, units: np.ndarray) -> np.ndarray:
+        """(K, P) places to which no way leads down from a good one (P,), and that may be better. Here are none."""
+        return np.zeros((0, len(units)))
+
+    def refine(self, ends: list[np.ndarray]) -> np.ndarray | None:
+        """Judge more closely from now on, near the first of good places (P,), and return it; None if nothing changes.
 
         Edges of a surface have led near it, and mislead where points are sparse or noisy.
         """
         if self.recording.points:
-            self.settle(units, _ASIDE)
-        return units if self.recording.points else None
+            self.settle(ends[0], _ASIDE)
+        return ends[0] if self.recording.points else None
 
     def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
         """Judge by a good candidate (P,) what the distances of unordered points are worth, see Observer.settle."""

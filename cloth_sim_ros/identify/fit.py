@@ -47,11 +47,10 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
     start = places[np.argmin(squares[:, -1])]
     candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
     candidates.settle(start)
-    units = by_least_squares(candidates, by_beginnings(candidates, places, squares))
-    refined = candidates.refine(units)
-    if refined is not None:
-        units = by_least_squares(candidates, refined)
-    return start, estimate(candidates, units)
+    begun = by_beginnings(candidates, places, squares)
+    ends = [by_least_squares(candidates, each, candidates.near) for each in (begun, *candidates.others(begun))]
+    refined = candidates.refine(ends)
+    return start, estimate(candidates, ends[0] if refined is None else by_least_squares(candidates, refined))
 
 
 def evenly(numbers: int, count: int, seed: int = 0) -> np.ndarray:
