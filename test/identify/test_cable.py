@@ -77,6 +77,7 @@ def test_numbers_come_back_from_a_start_in_motion():
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
 
+@pytest.mark.long
 def test_noise_is_borne_and_told():
     """With 2 mm of noise on the markers between the hands."""
     _, found = fitted([record(3, 2e-3), record(4, 2e-3)])
@@ -85,6 +86,7 @@ def test_noise_is_borne_and_told():
     assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.3 * found.low).all()
 
 
+@pytest.mark.long
 def test_a_wrist_force_tells_mass_and_rigidity_apart():
     """With 2 mm of noise on markers, 2 % on forces, and a density that is given wrong by half."""
     forces = [[], []]
@@ -113,6 +115,7 @@ def test_a_marker_that_is_not_seen_counts_nowhere():
     assert np.isfinite([mean_error(each) for each in guesses(both[1], 2).values()]).all()
 
 
+@pytest.mark.long
 def test_a_clamp_that_points_off_its_markers_is_found():
     markers = Markers([record(seed, 0.0, clamp=0.15) for seed in (1, 2)], RATE)
     cable = Cable(markers.lengths(), between=PER, density=MASS / LENGTH)
