@@ -26,7 +26,7 @@ FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame
 # Largest gain in a frame over the scale: the largest kinetic and elastic energy of the last frames, or this share of
 # the work of its weight over its size, or the kinetic energy at this speed [m/s].
 MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
-MORE = wp.constant(4)  # factor of the substeps from one repetition to the next
+MORE = wp.constant(2)  # factor of the substeps from one repetition to the next
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
 
