@@ -164,7 +164,7 @@ def order_of(fine: float, coarse: float) -> float:
 
 @wp.func
 def is_all_redone(since: wp.vec4i, limits: StepLimits) -> bool:
-    """True if every frame since the last measurement was computed again, which costs at least five times as much."""
+    """True if every frame since the last measurement was computed again, which costs at least three times as much."""
     return since[0] > 0 and since[3] >= since[0] and limits.is_set == 0
 
 
