@@ -68,6 +68,7 @@ def fitted(runs, start=4):
     return candidates, identify(candidates)[1]
 
 
+@pytest.mark.long
 def test_numbers_come_back_from_a_start_in_motion():
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
     assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
@@ -129,6 +130,7 @@ def test_a_clamp_that_points_off_its_markers_is_found():
     assert mean_error(candidates.off(units[None])) < 0.2 * before
 
 
+@pytest.mark.long
 def test_another_turn_is_found_from_one_without_torsion():
     turn = 2.5
     markers = Markers([record(seed, 0.0, turn=turn) for seed in (1, 2)], RATE)

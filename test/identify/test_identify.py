@@ -277,6 +277,7 @@ def buckled():
     return Recording(times, positions={"cloth": np.array(rows)}, pose={"hand": poses})
 
 
+@pytest.mark.long
 def test_a_sheet_that_buckles_is_followed_from_its_beginning(buckled):
     """Its misfit has many minima: the best of 64 places leads to one that is 24 % off, with an interval of 4 %."""
     candidates = Candidates(buckling(3.6e-3), SHAKEN, buckled, ["cloth.stretch_compliance"], 64, "cpu")

@@ -57,7 +57,7 @@ def test_one_alone_is_an_environment_that_steps_as_the_first_of_many(device, nam
         assert told["distance"] == infos["distance"][0] and told["success"] is False
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", ["FoldTowel", *(pytest.param(name, marks=pytest.mark.long) for name in OTHERS)])
 def test_rewards_are_bounded_and_random_policies_end(device, name):
     """What moves at random is never further from its aim than hands, object and floor let it be, and 1 is the most."""
     env = gymnasium.make_vec(f"cloth_sim_ros/{name}-v0", num_envs=2, device=device)

@@ -44,6 +44,7 @@ def replay(path):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
 
 
+@pytest.mark.long
 def test_listeners_that_come_and_go_leave_nothing_in_the_node(start, client):
     node = start(SMALL.replace("[6, 5]", "[64, 64]")).ready()
     node.wait_for("all kernels are compiled")

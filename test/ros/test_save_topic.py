@@ -111,6 +111,7 @@ def home(tmp_path, monkeypatch):
     return tmp_path / "home"
 
 
+@pytest.mark.long
 def test_a_killed_node_goes_on_where_it_was_saved(start, ros, home):
     first = Paused(start)
     tell(first)

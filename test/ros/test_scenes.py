@@ -99,6 +99,7 @@ def test_the_wind_lifts_the_flag():
     assert heights["calm"] < 0.9 < 1.2 < heights["gusts"]
 
 
+@pytest.mark.long
 def test_the_draw_string_closes_the_bag_around_the_ball():
     sim = simulation("bag")
     run(sim, 0.1, lambda t: None)
@@ -122,6 +123,7 @@ def test_the_draw_string_closes_the_bag_around_the_ball():
     assert np.linalg.norm(gaps, axis=1).max() < 1e-4 and not broken.any()
 
 
+@pytest.mark.long
 def test_the_panels_of_the_shirt_sew_themselves_together():
     sim = simulation("shirt")
     sim.step(60)
@@ -265,6 +267,7 @@ def test_the_knot_is_pulled_tight():
     assert np.abs(felt[1]).max() < 0.05, "where the rope comes through itself, there is no knot"
 
 
+@pytest.mark.long
 def test_the_skirt_flares_when_it_turns():
     sim = simulation("garment")
 

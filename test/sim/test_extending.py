@@ -85,7 +85,10 @@ def test_a_cone_lifts_the_middle_of_a_towel(plugin, device):
     assert sim.report()["towel"]["max_penetration"] < 3e-3
 
 
-@pytest.mark.parametrize("settings", [{"method": "verlet", "substeps": 100}, {"order": 1}, {"order": 2}])
+@pytest.mark.parametrize(
+    "settings",
+    [{"method": "verlet", "substeps": 100}, {"order": 1}, pytest.param({"order": 2}, marks=pytest.mark.long)],
+)
 @pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_a_spring_to_a_height_swings_a_sheet_as_the_closed_form(monkeypatch, device, settings, executor):
     """Mean height of a free sheet: z + g/k (cos(omega t) - 1) with damping, from rest, with another k in each world."""

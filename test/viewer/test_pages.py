@@ -262,6 +262,7 @@ def test_the_whole_cloth_weighs_on_the_ball_and_is_dragged(open_page):
     assert len(page.drawing.handles["normals"].vertices) == 3 * whole_cloth.SIDE**2
 
 
+@pytest.mark.long
 def test_two_clicks_cut_the_whole_cloth_between_them(open_page):
     page = open_page(whole_cloth.WholeCloth)
     sim, n, eye = page.stage.sim, whole_cloth.SIDE, np.array([0.0, 0.0, 3.0])

@@ -154,7 +154,10 @@ def test_what_is_no_regular_file_is_not_opened(state):
         sim.load(fifo)
 
 
-@pytest.mark.parametrize("case", ["auto", "order 2, a launch a stage", "verlet, two worlds", "ropes"])
+LONG = [pytest.param(case, marks=pytest.mark.long) for case in ("auto", "order 2, a launch a stage", "ropes")]
+
+
+@pytest.mark.parametrize("case", ["verlet, two worlds", *LONG])
 def test_a_state_after_a_fault_is_finite_and_goes_on_to_the_same_bits(case, device, tmp_path):
     """A body that was put back leaves NaN in what is written anew before it is read."""
     sim, other = make(case, device), make(case, device)

@@ -123,7 +123,12 @@ def hanging(device, material, count, force, compliance=0.01, **settings):
 @pytest.mark.parametrize("force", [0.5, 5.0, 20.0])
 @pytest.mark.parametrize(
     "material, count, compliance",
-    [("cotton", 13, 0.01), ("cotton", 13, 1e-6), ("silk", 10, 0.01), ("denim", 40, 1e-4)],
+    [
+        ("cotton", 13, 0.01),
+        ("cotton", 13, 1e-6),
+        ("silk", 10, 0.01),
+        pytest.param("denim", 40, 1e-4, marks=pytest.mark.long),
+    ],
 )
 def test_it_presses_as_hard_on_thin_cloth(device, material, count, compliance, force):
     sim, driver, _ = hanging(device, material, count, force, compliance, substeps=20)

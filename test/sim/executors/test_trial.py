@@ -2,6 +2,7 @@
 """A frame of explicit steps is a trial: what comes out strained beyond all rest is done again by XPBD, and it alone."""
 
 import numpy as np
+import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
 
@@ -39,6 +40,7 @@ def most_of_a_ball(sim):
     return stretched + 0.5 * float(sim.masses("sheet").sum()) * (2.0 * SPEED) ** 2
 
 
+@pytest.mark.long
 def test_a_fast_ball_puts_in_no_more_than_a_ball_can(device):
     """Explicit steps alone bring the sheet to 1e6 J."""
     sim, energies = shoot(device, {"sheet": SHEET})

@@ -98,6 +98,7 @@ def test_a_collider_that_is_added_is_met(device):
     assert sim.wrench("added69")[0].any() and not sim.wrench("added3")[0].any()
 
 
+@pytest.mark.long
 def test_frames_that_are_computed_again_begin_as_if_all_were_copied(monkeypatch):
     """Trials meet what comes from afar, and what the copy of their start has of it is where nobody was near yet."""
     far = {f"far{k}": Capsule(0.05, 0.3, position=(9, k, 0)) for k in range(20)}

@@ -24,7 +24,7 @@ def swatch(**more):
     return Cloth(**shape, stretch_compliance=1e-3, static_friction=0.8, kinetic_friction=0.8, **more)
 
 
-@pytest.mark.parametrize("settings", WAYS)
+@pytest.mark.parametrize("settings", [*WAYS[:4], pytest.param(WAYS[4], marks=pytest.mark.long)])
 def test_a_load_lies_as_deep_as_its_force(device, settings):
     """Every particle of a swatch at rest: compliance x its weight; the collider feels all of it."""
     compliance = 0.01

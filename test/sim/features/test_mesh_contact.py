@@ -117,6 +117,7 @@ def test_a_mesh_moves_and_turns_as_its_shape(alone, device, executor, settings):
     assert np.abs(found - wanted).max() < 1e-4 and np.abs(still - wanted).max() > 0.02
 
 
+@pytest.mark.long
 def test_a_volume_pushes_a_sheet_as_its_shape(alone, device):
     """Interpolation of distances to a ball errs by h^2/8 times 2/r, the mesh by its sagitta; single particles stick."""
     shape, mesh, apart = pairs()["ball"]

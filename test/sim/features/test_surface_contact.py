@@ -155,7 +155,7 @@ SMALL = {"ball": Sphere(radius=0.02), "capsule": Capsule(radius=0.01, half_lengt
 @pytest.mark.parametrize(
     ("shape", "constant", "speed", "settings"),
     [
-        ("ball", 1e5, 10.0, {}),
+        pytest.param("ball", 1e5, 10.0, {}, marks=pytest.mark.long),
         ("capsule", 1e3, 5.0, {}),
         pytest.param("ball", 1e3, 20.0, {}, marks=pytest.mark.long),
         pytest.param("capsule", 1e5, 20.0, {}, marks=pytest.mark.long),

@@ -103,7 +103,7 @@ def ring(device, share, torsion=0.03, bending=0.02, radius=0.3, **settings):
 
 
 @pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
-@pytest.mark.parametrize(("share", "folds"), [(0.95, False), (1.05, True)])
+@pytest.mark.parametrize(("share", "folds"), [pytest.param(0.95, False, marks=pytest.mark.long), (1.05, True)])
 def test_a_twisted_ring_folds_at_michells_twist(device, share, folds, order):
     """Folded to an eight it takes a turn of the twist as writhe (Michell 1889)."""
     sim, critical = ring(device, share, order=order, global_damping=10.0)

@@ -91,7 +91,7 @@ def drawn_scene(seed):
 
 
 @pytest.mark.parametrize("seed", [0, *[pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3)]])
-@pytest.mark.parametrize("method", ["xpbd", "verlet"])
+@pytest.mark.parametrize("method", ["xpbd", pytest.param("verlet", marks=pytest.mark.long)])
 def test_drawn_scenes_move_the_same_by_every_executor(device, method, seed):
     scene = drawn_scene(seed)
     order = 1 + seed % 2

@@ -146,7 +146,7 @@ def hung_over(radius, length, segments, thickness):
         (Capsule, 0.017, 40, 0.03, 0.4),
         (Capsule, 0.05, 40, 0.02, 0.4),
         (Capsule, 0.03, 30, 0.06, 0.4),
-        (Cylinder, 0.05, 13, 0.03, 0.3),
+        pytest.param(Cylinder, 0.05, 13, 0.03, 0.3, marks=pytest.mark.long),
         (Cylinder, 0.05, 25, 0.03, 0.5),
     ],
 )

@@ -29,7 +29,7 @@ def simulation(device, substeps=40, colliders=None, executor=None, thing=SHEET, 
     )
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["order 1", "order 2", pytest.param("graph", marks=pytest.mark.long)])
 def test_it_changes_no_bit_while_the_substeps_are_set(device, method):
     plain, watched = (simulation(device, colliders=BALL, **METHODS[method]) for _ in range(2))
     for frame in range(12):
@@ -64,7 +64,7 @@ def test_it_is_of_the_size_of_the_error(device, method):
 
 
 @pytest.mark.parametrize("thing", [SHEET, Rope(segments=20)], ids=["sheet", "rope"])
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_other_substeps_in_midair_carry_the_motion_on(device, thing, executor):
     """The history of order 2 is read off for the new length of a substep, so its error stays of second order."""
     sims = [simulation(device, n, thing=thing, order=2, iterations=2, executor=executor) for n in (40, 640)]

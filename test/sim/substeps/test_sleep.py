@@ -98,6 +98,7 @@ def test_it_moves_as_without_sleep(device, disturb):
     assert np.sqrt(((ways[0] - ways[1]) ** 2).sum(1).mean()) < 0.05 * max(moved, 0.01)
 
 
+@pytest.mark.long
 def test_only_worlds_at_rest_sleep(device):
     scene = Scene({"it": TOWEL}, {"tray": TRAY})
     sim = Simulation(scene, Settings(), device, worlds=2)

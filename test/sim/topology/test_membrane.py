@@ -88,7 +88,7 @@ def test_springs_are_stiffer_than_the_membrane_in_every_motion(kind):
     assert np.linalg.eigvalsh(np.diag(WARP / springs.scale) - left).min() > 0.0
 
 
-@pytest.mark.parametrize("kind", ["one way", "delaunay"])
+@pytest.mark.parametrize("kind", ["delaunay", pytest.param("one way", marks=pytest.mark.long)])
 @pytest.mark.parametrize("degrees", [0, 45, 90])
 def test_a_strip_is_as_stiff_as_its_direction(kind, degrees, device):
     """A strip of 4 x 20 cm that hangs with a load along its lower edge, at the defaults."""
