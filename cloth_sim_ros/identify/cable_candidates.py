@@ -93,9 +93,10 @@ class CableCandidates:
             raise ValueError(
                 f"--held is {cable.held} of {markers.count} markers; allowed is 1, or more that leave some"
             )
-        if not np.isfinite(markers.seen[:, :, cable.held_markers]).all():
+        there = np.isfinite(markers.seen)
+        if not (there[:, :, cable.held_markers] | ~there.any(axis=(2, 3), keepdims=True)).all():
             raise ValueError("a held marker is not seen in a frame; allowed are recordings in which these always are")
-        if not np.isfinite(markers.forces or 0.0).all():
+        if not all(np.isfinite(each).all() for each in markers.forces or ()):
             raise ValueError("a force is not a number; allowed are recordings in which all are, or none is given")
         self.markers = markers = markers.filled(cable.held_markers)
         self.cable, self.first, self._device, self._shaped = cable, start, device, shaped

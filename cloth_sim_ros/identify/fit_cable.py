@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
+from cloth_sim_ros.identify.cable_bag import CableTopics
 from cloth_sim_ros.identify.cable_candidates import NAME, CableCandidates
 from cloth_sim_ros.identify.cable_shape import PLACES
 from cloth_sim_ros.identify.fit import Estimate, identify
@@ -28,7 +29,7 @@ def main() -> int:
     """Parse the command line, fit, judge and write; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify.fit_cable", description=__doc__)
     paths = {"type": Path, "nargs": "+", "metavar": "RECORDING"}
-    parser.add_argument("recordings", help=".npz or .csv files of markers, see docs/how-to/cables.md", **paths)
+    parser.add_argument("recordings", help=".npz or .csv files of markers, or bags, see docs/how-to/cables.md", **paths)
     parser.add_argument("--judge", help="recordings to judge by; else one run in five is held out", **paths)
     add_options(parser)
     parser.add_argument("--output", type=Path, default=Path("cable.yaml"), help="YAML of the cable; .png beside")
@@ -36,7 +37,11 @@ def main() -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options of how a cable is fitted."""
+    """Options of how a cable is fitted, and of what bags show of it."""
+    topics = {"nargs": "+", "default": [], "metavar": "/TOPIC"}
+    parser.add_argument("--markers", help="topics of a bag with markers, in their order along the cable", **topics)
+    parser.add_argument("--wrench", help="topics of a bag with forces on the hand at the start, to be added", **topics)
+    parser.add_argument("--frame", default="", help="of tf, with z up (that of the first markers)")
     parser.add_argument("--held", type=int, default=2, help="markers at each end that follow the recording (2)")
     parser.add_argument("--start", type=int, default=2, help="frames that give positions and velocities at first (2)")
     parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
@@ -57,8 +62,9 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
 
     Returns name -> (F, R, M, 3) by how much markers of the judged runs are off [m]: "fitted", "hold" and "blend".
     """
-    fitted = Markers.read(arguments.recordings)
-    judged = Markers.read(arguments.judge) if arguments.judge else None
+    topics = CableTopics(arguments.markers, arguments.wrench, arguments.frame)
+    fitted = Markers.read(arguments.recordings, topics)
+    judged = Markers.read(arguments.judge, topics) if arguments.judge else None
     if judged is None:
         fitted, judged = fitted.split(_HELD_OUT)
     if fitted.forces is not None and judged.forces is None:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from cloth_sim_ros.identify.cable_bag import CableTopics
+
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
 _DIFFERENCES = 6  # order of differences in time in which noise is seen
 _MEDIAN = 0.6745  # median of the distance of normal noise from its mean, in standard deviations
@@ -35,17 +37,19 @@ class Markers:
     forces: list[np.ndarray] | None = None
 
     @staticmethod
-    def read(paths: Sequence[Path]) -> Markers:
-        """Read files of runs. Raises ValueError in one sentence for what cannot be read, or does not belong together.
+    def read(paths: Sequence[Path], topics: CableTopics = CableTopics()) -> Markers:  # noqa: B008 (frozen)
+        """Read files of runs, or bags by their `topics`.
+
+        Raises ValueError in one sentence for what cannot be read, or does not belong together.
 
         An .npz file has one array (F, M, 3), or (R, F, M, 3) of several runs, in metres or in multiples of `unit` [m].
         Beside it is `rate` or `rate_hz` [1/s], or `times` (F,) [s]. A .csv file has rows of time [s], then x y z [m] of
         each marker, and at most one line of names above them. Forces at the start's hand [N] are an array `forces`, of
         the shape of one marker, or three last columns whose names are fx, fy, fz.
         """
-        found = [(path, _read_npz(path) if path.suffix == ".npz" else _read_csv(path)) for path in paths]
+        found = [(path, _read(path, topics)) for path in paths]
         if not found:
-            raise ValueError("no recording is given; allowed are .npz and .csv files of markers")
+            raise ValueError("no recording is given; allowed are .npz and .csv files of markers, and bags")
         first, (runs, rate, forces) = found[0]
         for path, (others, its_rate, its_forces) in found[1:]:
             if abs(its_rate / rate - 1.0) > _UNEVEN or others[0].shape[1] != runs[0].shape[1]:
@@ -156,6 +160,15 @@ def _frame_numbers(held: np.ndarray, longest: float) -> np.ndarray:
 def _along(frame: np.ndarray) -> np.ndarray:
     """(M,) lengths of chords from the first marker to each [m]."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(frame, axis=0), axis=1))])
+
+
+def _read(path: Path, topics: CableTopics) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
+    if path.is_dir():
+        run, rate, forces = topics.read(path)
+        return _checked([run], rate, path, None if forces is None else [forces])
+    if topics.markers or topics.wrenches:
+        raise ValueError(f"--markers and --wrench name topics, and {path} is no bag; allowed is the folder of one")
+    return _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
 
 
 def _read_npz(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:

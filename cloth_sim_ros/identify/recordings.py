@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cloth_sim_ros.identify import fit_cable
 from cloth_sim_ros.identify.cable import mean_error
+from cloth_sim_ros.identify.cable_bag import CableTopics
 from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.identify.terminal import exit_status
 
@@ -26,7 +27,8 @@ def main() -> int:
 def run(arguments: argparse.Namespace) -> None:
     """Fit and judge every cable of a folder; a table at the end. Raises ValueError in one sentence."""
     rows = []
-    for name, files in cables(arguments.folder):
+    topics = CableTopics(arguments.markers, arguments.wrench, arguments.frame)
+    for name, files in cables(arguments.folder, topics):
         print(f"{name}:")
         how = {**vars(arguments), "recordings": files, "judge": None, "output": arguments.output / f"{name}.yaml"}
         off = fit_cable.run(argparse.Namespace(**how))
@@ -39,17 +41,19 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"{name:16}" + "".join(f"{1e3 * error:8.2f}" for error in errors.values()))
 
 
-def cables(folder: Path) -> Iterator[tuple[str, list[Path]]]:
-    """Name and files of each cable: a file of several runs, or all others of a folder together.
+def cables(folder: Path, topics: CableTopics) -> Iterator[tuple[str, list[Path]]]:
+    """Name and files of each cable: a file of several runs, or all others of a folder together. Bags are files.
 
     Raises ValueError for a folder without recordings.
     """
-    files = sorted(path for path in folder.rglob("*") if path.suffix in (".npz", ".csv"))
+    files = sorted(
+        path for path in folder.rglob("*") if path.suffix in (".npz", ".csv") or (path / "metadata.yaml").is_file()
+    )
     if not files:
-        raise ValueError(f"{folder} has no recordings; allowed is a folder of .npz or .csv files of markers")
+        raise ValueError(f"{folder} has no recordings; allowed is a folder of .npz or .csv files, or of bags")
     together: dict[Path, list[Path]] = {}
     for path in files:
-        if len(Markers.read([path]).runs) > 1:
+        if len(Markers.read([path], topics).runs) > 1:
             yield path.stem, [path]
         else:
             together.setdefault(path.parent, []).append(path)

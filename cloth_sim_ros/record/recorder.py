@@ -19,19 +19,20 @@ from rclpy.utilities import remove_ros_args
 
 from cloth_sim_ros.options import duration, missing
 from cloth_sim_ros.record.integrity import DIGEST, Digest
+from cloth_sim_ros.record.topics import CLOUD, WRENCH
 from cloth_sim_ros.ros.outputs.journal import ACTS
 from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import Stop
 
 LOOK = 0.2  # [s] between looks for topics that are new
 FLUSH = 1.0  # [s] of a recording that is lost at most where the recorder is killed
-CLOUD, JOURNAL_TYPE = "sensor_msgs/msg/PointCloud2", "std_msgs/msg/String"
+JOURNAL_TYPE = "std_msgs/msg/String"
 INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # takes what any sender sends
 OUTPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Recorder(Node):
-    """Writes all that a node takes from topics, its particle clouds and its journal, as they come."""
+    """Writes all that a node takes from topics, its particle clouds, its wrenches and its journal, as they come."""
 
     def __init__(self, node: str, bag: Path):
         from rosbags.rosbag2 import StoragePlugin, Writer
@@ -71,7 +72,7 @@ class Recorder(Node):
         for topic, types in taken.items():
             self._subscribe(topic, types[0], INPUTS)
         for topic, types in given.items():
-            if types[0] == CLOUD:
+            if types[0] in (CLOUD, WRENCH):
                 self._subscribe(topic, types[0], OUTPUTS)
         for topic in (f"{self.recorded}/journal/acts", f"{self.recorded}/journal"):
             if topic in given:

@@ -11,7 +11,7 @@ from typing import Any
 
 from cloth_sim_ros.record.integrity import DIGEST, Digest, is_cut_short, mend
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
+CLOUD, WRENCH = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/WrenchStamped"
 
 
 class _Damaged(ValueError):

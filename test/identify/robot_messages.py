@@ -43,6 +43,17 @@ def pose(stamp, frame, place, turn):
     return of("geometry_msgs/msg/PoseStamped", header=header(stamp, frame), pose=inner)
 
 
+def array(stamp, frame, points):
+    still = of("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
+    poses = [of("geometry_msgs/msg/Pose", position=vector("Point", each), orientation=still) for each in points]
+    return of("geometry_msgs/msg/PoseArray", header=header(stamp, frame), poses=poses)
+
+
+def wrench(stamp, frame, force):
+    inner = of("geometry_msgs/msg/Wrench", force=vector("Vector3", force), torque=vector("Vector3", [9.0, 9.0, 9.0]))
+    return of("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=inner)
+
+
 def cloud(stamp, frame, points, layout="<f4", names="xyz", lost=0):
     """As a driver sends it: in two rows, with colours between, and points that the camera could not see. lost: bytes
     that are not there."""

@@ -7,6 +7,7 @@ import yaml
 
 from cloth_sim_ros.identify import fit_cable, recordings
 from cloth_sim_ros.identify.cable import Cable, guesses, mean_error
+from cloth_sim_ros.identify.cable_bag import CableTopics
 from cloth_sim_ros.identify.cable_candidates import CableCandidates
 from cloth_sim_ros.identify.cable_shape import PLACES, fit_shape
 from cloth_sim_ros.identify.fit import by_least_squares, identify
@@ -193,7 +194,7 @@ def test_a_folder_of_cables_is_judged(tmp_path, monkeypatch, capsys):
     np.savez(tmp_path / "in" / "one.npz", markers=np.stack(runs), rate=RATE)
     for k, run in enumerate(runs):
         np.savez(tmp_path / "in" / "other" / f"{k}.npz", markers=run, rate=RATE)
-    found = dict(recordings.cables(tmp_path / "in"))
+    found = dict(recordings.cables(tmp_path / "in", CableTopics()))
     assert {name: len(files) for name, files in found.items()} == {"one": 1, "other": 2}
     command = ["recordings", str(tmp_path / "in" / "other"), "--output", str(tmp_path / "out"), "--worlds", "8"]
     monkeypatch.setattr("sys.argv", command)

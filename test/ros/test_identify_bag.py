@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from geometry_msgs.msg import WrenchStamped
 from node_process import ROOT
 from patience import patience
 from recorder_process import Recording
@@ -16,6 +17,9 @@ from std_srvs.srv import Trigger
 pytest.importorskip("rosbags")
 
 from cloth_sim_ros.identify.bag import frames_of
+from cloth_sim_ros.identify.cable_bag import CableTopics
+from cloth_sim_ros.identify.markers import Markers
+from cloth_sim_ros.record.topics import WRENCH, Topics
 
 SCENE = """
 /**:
@@ -45,6 +49,38 @@ def bag(start, client, tmp_path):
         recording.process.kill()
         node.end()
     return tmp_path / "bag"
+
+
+WEIGHT = [0.0, 0.0, -0.1 * 9.81]  # [N] of a cable that a hand holds at one end
+HELD = """
+/**:
+  ros__parameters:
+    objects: [cable]
+    handles: [hand]
+    cable: {type: rope, start: [0, 0, 1], end: [0.5, 0, 1], segments: 10, mass: 0.1, pins: none, bend_compliance: 200.0}
+    hand: {position: [0, 0, 1], reach: [0.06], attached: true}
+    solver: {global_damping: 20.0}
+"""
+
+
+def test_the_recorder_keeps_what_a_hand_feels(start, client, tmp_path):
+    """In the end it carries the whole cable, whose particles are markers in their order."""
+    node = start(HELD).ready()
+    felt = client.listen(WrenchStamped, "/cloth_sim/handles/hand/wrench")
+    recording = Recording(tmp_path / "bag")
+    try:
+        recording.wait_for("Recording into ")
+        client.until(lambda: felt and felt[-1].wrench.force.z == pytest.approx(WEIGHT[2], rel=0.01))
+        client.spin(0.5)
+        recording.end()
+    finally:
+        recording.process.kill()
+        node.end()
+    topics = CableTopics(["/cloth_sim/cable/particles"], ["/cloth_sim/handles/hand/wrench"])
+    markers = Markers.read([tmp_path / "bag"], topics)
+    assert markers.count == 11 and markers.forces[0][-5:] == pytest.approx(np.array(5 * [WEIGHT]), abs=0.02)
+    types = Topics(tmp_path / "bag").types
+    assert types["/cloth_sim/cable/start/wrench"] == WRENCH
 
 
 def identified(bag, scene, *arguments):

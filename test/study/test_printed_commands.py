@@ -305,14 +305,30 @@ def write_cable(path, seed):
     held = [0, 3, 21, 24]
     rope = Rope(points=points, mass=0.06, pins=None, stretch_compliance=1e-4, bend_compliance=250.0)
     handles = {f"h{k}": Handle(position=tuple(points[k]), reach=0.001, attached=True) for k in held}
-    sim, rows = Simulation(Scene({"it": rope}, handles=handles), device="cpu"), []
+    sim, rows, pulls = Simulation(Scene({"it": rope}, handles=handles), device="cpu"), [], []
     for frame in range(30):
         for k in held:
             way = 0.05 * np.sin(0.1 * frame * np.array([1.0, 0.7 + 0.2 * seed, 1.3])) + [0.002 * frame, 0.0, 0.0]
             sim.set_handle_pose(f"h{k}", points[k] + (way if k < 12 else -way))
         sim.step()
         rows.append([frame / 60.0, *sim.positions("it")[::3].ravel()])
-    np.savetxt(path, rows, delimiter=",")
+        pulls.append(sum(sim.handle_wrench(f"h{k}")[0] for k in held[:2]))
+    if path.suffix:
+        np.savetxt(path, rows, delimiter=",")
+    else:
+        write_cable_bag(path, np.array(rows), pulls)
+
+
+def write_cable_bag(path, rows, pulls):
+    """The same as a bag: two clamps of two markers each, what is between them, and the force at the start."""
+    robot_messages = pytest.importorskip("robot_messages")
+    parts = {"/left_clamp": slice(0, 2), "/camera/markers": slice(2, -2), "/right_clamp": slice(-2, None)}
+    topics = {
+        topic: [robot_messages.array(row[0], "world", row[1:].reshape(-1, 3)[part]) for row in rows]
+        for topic, part in parts.items()
+    }
+    wrenches = [robot_messages.wrench(row[0], "world", pull) for row, pull in zip(rows, pulls, strict=True)]
+    robot_messages.write(path, topics | {"/left_wrist/wrench": wrenches})
 
 
 def write_files(page, command, folder, request):
@@ -328,7 +344,7 @@ def write_files(page, command, folder, request):
             write_robot_bag(folder)
         else:
             shutil.copytree(request.getfixturevalue("bag"), folder / name)
-    for seed, name in enumerate(re.findall(r"run_\d\.csv", command)):
+    for seed, name in enumerate(re.findall(r"run_\d(?:\.csv)?", command)):
         write_cable(folder / name, seed)
 
 
