@@ -32,7 +32,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "line_multipliers": n.slots,
-        "line_slips": n.slots if features.order == 2 else 0,
+        "line_slips": n.slots if features.order == 2 or features.sewn else 0,
         "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
         "line_lengths": n.slots if features.membrane else 0,

@@ -88,9 +88,9 @@ def make_solve_line_row(features: Features):
         if wp.static(features.handles):
             held = held or ctx.state.grasp.held[ctx.body.index] > 0
         weighs = wp.where(held and ctx.step.weighs and ctx.step.first, ctx.step.inverse_square, 0.0)
-        if wp.static(features.order == 2):
+        if wp.static(features.order == 2 or features.sewn):
             keeps = ctx.last and gamma > 0.0
-            if ctx.step.second:
+            if wp.static(features.order == 1) or ctx.step.second:
                 carried = wp.static(1.0 / 3.0)
         rests = ctx.model.line_rests
         if wp.static(features.membrane):
