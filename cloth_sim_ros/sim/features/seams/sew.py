@@ -171,6 +171,15 @@ def _begin(seams: Seams, s: int, w: int, first: bool, last: bool):
     for k in range(4):
         if tie.weights[k] != 0.0:
             wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
+    if now[1] == _CLOSES and not last:
+        seams.closing[w] = 1
+
+
+@wp.func
+def _place(seams: Seams, k: int, w: int) -> int:
+    """Return the place of a touched particle among those of all worlds."""
+    of = seams.touched[k]
+    return w * seams.particles + seams.firsts[of[0]] + of[1]
 
 
 @wp.func
@@ -224,10 +233,16 @@ def _release(seams: Seams, k: int, w: int, substep: int):
             seams.rests[w * seams.beads.shape[0] + b] = rest
         holds += d[3] * mass * wp.outer(along, along)
         asks -= d[3] * rest * along
-    number = w * seams.particles + seams.firsts[of[0]] + of[1]
+    number = _place(seams, k, w)
     seams.inverses[number] = d[3] * wp.inverse(holds)
     seams.starts[number] = xyz(d)
     store_row(side.displacements, of[1], d + pack(wp.inverse(holds) * asks, 0.0))
+
+
+@wp.func
+def _leaves(seams: Seams, w: int, last: bool) -> bool:
+    """True if sewn particles move alone: at the end, and while a stitch closes, which colliders then hinder less."""
+    return last or seams.closing[w] != 0
 
 
 @wp.func
@@ -235,7 +250,7 @@ def _leave(seams: Seams, k: int, w: int):
     """Let a touched particle yield alone."""
     of = seams.touched[k]
     inverse = load_row(seams.arrays[of[0] * seams.worlds + w].displacements, of[1])[3]
-    number = w * seams.particles + seams.firsts[of[0]] + of[1]
+    number = _place(seams, k, w)
     seams.inverses[number] = inverse * wp.identity(n=3, dtype=float)
 
 
@@ -244,7 +259,7 @@ def _follow(seams: Seams, k: int, w: int):
     """Let the ways of a touched particle follow its move since `_release`."""
     of = seams.touched[k]
     side = seams.arrays[of[0] * seams.worlds + w]
-    number = w * seams.particles + seams.firsts[of[0]] + of[1]
+    number = _place(seams, k, w)
     moved = xyz(load_row(side.displacements, of[1])) - seams.starts[number]
     for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
         way, at = seams.ways[q], w * seams.beads.shape[0]
@@ -341,10 +356,11 @@ def _move(seams: Seams, w: int, t: int, width: int):
 def _end(seams: Seams, w: int, t: int, width: int, last: bool):
     """Forget the counts, and break the stitches that bear too much in the end."""
     for k in range(t, seams.touched.shape[0], width):
-        particle = seams.touched[k]
-        seams.counts[w * seams.particles + seams.firsts[particle[0]] + particle[1]] = 0
+        seams.counts[_place(seams, k, w)] = 0
     if not last:
         return
+    if t == 0:
+        seams.closing[w] = 0
     for s in range(t, seams.stitches.shape[0], width):
         stitch = seams.stitches[s]
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
@@ -366,8 +382,10 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     for w in range(team, seams.worlds, group.teams):
         for s in range(t, seams.stitches.shape[0], group.width):
             _begin(seams, s, w, first, last)
+    sync_all(group)
+    for w in range(team, seams.worlds, group.teams):
         for k in range(t, seams.touched.shape[0], group.width):
-            if last:
+            if _leaves(seams, w, last):
                 _leave(seams, k, w)
             else:
                 _release(seams, k, w, substep)
@@ -381,7 +399,7 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
             _move(seams, w, t, group.width)
         sync_all(group)
     for w in range(team, seams.worlds, group.teams):
-        if not last:
+        if not _leaves(seams, w, last):
             for k in range(t, seams.touched.shape[0], group.width):
                 _follow(seams, k, w)
         _end(seams, w, t, group.width, last)
