@@ -63,12 +63,13 @@ class Stitch:
 class Seams:
     """All stitches of all worlds.
 
-    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each sewn
-    body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch may
-    reach, its number there, its body, and 1 for second order. firsts: (batches,) the place of the first particle of a
-    batch among all. moves: sums of displacements that stitches ask for, three for each particle of each world. counts:
-    stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. inverses: the inverse mass of each with all that its ways drag along [1/kg]. starts: its
-    displacement without stitches [m].
+    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each
+    sewn body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch
+    may reach, its number there, its body, and 1 for second order. firsts: (batches,) the place of the first
+    particle of a batch among all. moves: sums of displacements that stitches ask for, three for each particle of
+    each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. inverses:
+    the inverse mass of each with all that its ways drag along [1/kg]. starts: its displacement without stitches
+    [m].
 
     ways: (W,) first and end of its beads. way_starts: (T + 1,) those of a touched particle. beads: (n,) particle in its
     batch, and slot of the spring to it. pulls: (worlds n,) unit vector of that spring, and the mass behind it [kg].

@@ -6,8 +6,10 @@ mass (mass splitting, Tonge et al. 2012), and some passes find what that left ov
 of stitches does not change a bit of the result. Forces of a stitch on its two points are opposite, so that momentum is
 kept. That also takes bodies that are all of first or all of second order in a substep, to which `agree` sees.
 
-Stitches come after lines and ropes, which do not know of the load. So the particles at a stitch of load F give way by
-about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
+Stitches come after lines and ropes, which do not know of the load, and so give way to it. A stitch is therefore solved
+with the lines of structural springs that its particles hold, as if these went on through the seam (ways.py). Each line
+is eliminated from its far end on, so that a particle yields with all that it drags along. Other springs, and ropes that
+are solved as a whole, still give way by about h^2 F / m for a load F, and the measured error sees it.
 
 A stitch that begins open closes at no more than a set speed. It does not break before it is closed.
 
@@ -255,6 +257,16 @@ def _leave(seams: Seams, k: int, w: int):
 
 
 @wp.func
+def _free(seams: Seams, w: int, t: int, width: int, substep: int, last: bool):
+    """Let the touched particles move as they would without stitches, and find how they yield."""
+    for k in range(t, seams.touched.shape[0], width):
+        if _leaves(seams, w, last):
+            _leave(seams, k, w)
+        else:
+            _release(seams, k, w, substep)
+
+
+@wp.func
 def _follow(seams: Seams, k: int, w: int):
     """Let the ways of a touched particle follow its move since `_release`."""
     of = seams.touched[k]
@@ -354,8 +366,10 @@ def _move(seams: Seams, w: int, t: int, width: int):
 
 @wp.func
 def _end(seams: Seams, w: int, t: int, width: int, last: bool):
-    """Forget the counts, and break the stitches that bear too much in the end."""
+    """Let ways follow, forget the counts, and break the stitches that bear too much in the end."""
     for k in range(t, seams.touched.shape[0], width):
+        if not _leaves(seams, w, last):
+            _follow(seams, k, w)
         seams.counts[_place(seams, k, w)] = 0
     if not last:
         return
@@ -384,11 +398,7 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
             _begin(seams, s, w, first, last)
     sync_all(group)
     for w in range(team, seams.worlds, group.teams):
-        for k in range(t, seams.touched.shape[0], group.width):
-            if _leaves(seams, w, last):
-                _leave(seams, k, w)
-            else:
-                _release(seams, k, w, substep)
+        _free(seams, w, t, group.width, substep, last)
     sync_all(group)
     for _pass in range(passes):
         for w in range(team, seams.worlds, group.teams):
@@ -399,9 +409,6 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
             _move(seams, w, t, group.width)
         sync_all(group)
     for w in range(team, seams.worlds, group.teams):
-        if not _leaves(seams, w, last):
-            for k in range(t, seams.touched.shape[0], group.width):
-                _follow(seams, k, w)
         _end(seams, w, t, group.width, last)
 
 
