@@ -183,7 +183,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
             ctx.step.first = iteration == 0
             ctx.last = last != 0
             ctx.step.repeats = ctx.frame.iterations > 1
-            ctx.step.store = ctx.step.repeats or substep == ctx.frame.substeps - 1
+            ctx.step.store = wp.static(features.sewn) or ctx.step.repeats or substep == ctx.frame.substeps - 1
             run(t, group.width, ctx)
         restore_mode(mode)
 

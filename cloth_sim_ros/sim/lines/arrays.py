@@ -21,7 +21,9 @@ class LineState:
     """State of lines of springs; see State for the letters."""
 
     line_multipliers: wp.array(dtype=float)  # (S,) h_e^2 x force [kg m] of the springs in the slots of lines
-    line_slips: wp.array(dtype=float)  # (S,) rate of elongation of springs right after their solve [m/s], order 2 alone
+    line_slips: wp.array(
+        dtype=float
+    )  # (S,) rate of elongation of springs right after their solve [m/s], order 2 or sewn
     bases: wp.array(dtype=wp.vec4)  # (N,) displacement that dashpots see as none [m], see physics/integrate.py
     tautness: wp.array(dtype=float)  # (N,) largest tension of a line through a particle [N]
     line_lengths: wp.array(dtype=float)  # (S,) rest lengths of a membrane's springs [m]
@@ -32,7 +34,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "line_multipliers": n.slots,
-        "line_slips": n.slots if features.order == 2 else 0,
+        "line_slips": n.slots if features.order == 2 or features.sewn else 0,
         "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
         "line_lengths": n.slots if features.membrane else 0,

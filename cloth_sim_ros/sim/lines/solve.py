@@ -10,8 +10,9 @@ diagonal is w_i + w_j. The entry beside it is -w u_j . u_j+1, with w of the part
 is raised by a fraction of 1e-5, so that a rigid line between two pins has a solution.
 
 Later lines of the sweep move the particles on, so the slip of a line is not yet that of the substep. Dashpots would
-resist motion that later lines undo, and a sheet at rest under load would be too soft. So order 2 adds to the slip the
-part that followed this solve in the substep before. This is all of that slip less `line_slips`.
+resist motion that later lines undo, and a sheet at rest under load would be too soft. So order 2, and a sewn
+sheet in any order, adds to the slip the part that followed this solve in the substep before. This is all of that slip
+less `line_slips`.
 
 In substeps that weigh (see WEIGHED in integrate.py), lines of a body with pinned or held particles make their particles
 heavier. Each adds the size of its force there. The largest tension of a line counts too.
@@ -88,9 +89,9 @@ def make_solve_line_row(features: Features):
         if wp.static(features.handles):
             held = held or ctx.state.grasp.held[ctx.body.index] > 0
         weighs = wp.where(held and ctx.step.weighs and ctx.step.first, ctx.step.inverse_square, 0.0)
-        if wp.static(features.order == 2):
+        if wp.static(features.order == 2 or features.sewn):
             keeps = ctx.last and gamma > 0.0
-            if ctx.step.second:
+            if wp.static(features.order == 1) or ctx.step.second:
                 carried = wp.static(1.0 / 3.0)
         rests = ctx.model.line_rests
         if wp.static(features.membrane):

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Seam, Settings, Simulation
+from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Seam, Settings, Simulation
 
 GRAVITY = 9.81
 UPRIGHT = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # a sheet hangs by its top
@@ -33,6 +33,59 @@ def test_a_hung_sheet_loads_its_seam_by_its_weight(device, compliance, fine):
         return
     stiffness = 1.0 / compliance
     np.testing.assert_allclose(gaps.sum(axis=0)[2], weight / stiffness, rtol=0.02)
+
+
+def pulled(objects, seams, device, settings):
+    """Upright sheets of 0.1 m x 0.2 m in all, pulled by two hands until they are 5 % longer, and the force [N]."""
+    hands = {
+        name: Handle(position=(0.0, 0.0, height), reach=(0.12, 0.01, 0.01), attached=True)
+        for name, height in (("top", 0.1), ("bottom", -0.1))
+    }
+    scene = Scene(objects, handles=hands, seams=seams, gravity=(0.0, 0.0, 0.0))
+    sim = Simulation(scene, Settings(**settings), device)
+    for frame in range(60):
+        sim.set_handle_pose("bottom", (0.0, 0.0, -0.1 - 0.01 * (frame + 1) / 60))
+        sim.step()
+    sim.step(60)
+    return sim, np.linalg.norm(sim.handle_wrench("bottom")[0])
+
+
+@pytest.mark.parametrize("settings", [{}, {"order": 1, "substeps": 100}])
+@pytest.mark.parametrize(("material", "compliance"), [("cotton", 0.0), ("silk", 1e-5)])
+def test_a_sheet_is_strained_beside_a_seam_as_elsewhere(device, material, compliance, settings):
+    side = 11
+    upright = {"orientation": UPRIGHT, "pins": "none"}
+    half = {"resolution": (side, side), "size": (0.1, 0.1), **upright}
+    halves = {name: Cloth.of(material, position=(0.0, 0.0, z), **half) for name, z in (("a", 0.05), ("b", -0.05))}
+    seam = Seam("a", "b", (0, side - 1), (side * (side - 1), side * side - 1), compliance=compliance)
+    sewn, force = pulled(halves, {"seam": seam}, device, settings)
+    whole = Cloth.of(material, resolution=(side, 2 * side - 1), size=(0.1, 0.2), **upright)
+    assert force == pytest.approx(pulled({"whole": whole}, {}, device, {})[1], rel=0.01)
+    for name, nearest in (("a", 0), ("b", -1)):
+        heights = sewn.positions(name).reshape(side, side, 3)[:, side // 2, 2]
+        strains = np.diff(heights) / 0.01 - 1.0
+        assert strains[nearest] == pytest.approx(strains.mean(), rel=0.03)
+
+
+def test_sewn_sheets_without_damping_gain_no_energy(device):
+    half = {"resolution": (11, 11), "size": (0.1, 0.1), "orientation": UPRIGHT, "damping": 0.0}
+    top = Cloth.of("cotton", position=(0.0, 0.0, 0.05), pins="top", **half)
+    low = Cloth.of("cotton", position=(0.0, 0.0, -0.05), pins="none", **half)
+    seam = Seam("top", "low", (0, 10), (110, 120))
+    scene = Scene({"top": top, "low": low}, seams={"seam": seam}, gravity=(0.0, 0.0, 0.0))
+    sim = Simulation(scene, Settings(), device)
+    for name in ("top", "low"):
+        heights, speeds = sim.positions(name)[:, 2], np.zeros((121, 3))
+        speeds[:, 2] = 0.3 * np.sin(np.pi * (0.1 - heights) / 0.4)
+        sim.set_velocities(name, speeds)
+
+    def energy():
+        return sum(sim.report()[name]["kinetic_energy"] for name in ("top", "low"))
+
+    start = energy()
+    for _ in range(30):
+        sim.step()
+        assert energy() < 1.005 * start
 
 
 def test_a_stitch_breaks_at_its_strength_and_heals_by_a_reset(device):

@@ -9,8 +9,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body
-from cloth_sim_ros.sim.arrays.state import Arrays, Frame
+from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
 from cloth_sim_ros.sim.features.seams.arrays import SeamState
+from cloth_sim_ros.sim.features.seams.ways import ways_of
 from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 from cloth_sim_ros.sim.topology import Topology
@@ -21,6 +22,7 @@ class SewnArrays:
     """The arrays of a batch in one world that seams need."""
 
     bodies: wp.array(dtype=Body)
+    materials: wp.array(dtype=Material)
     frames: wp.array(dtype=Frame)
     limits: wp.array(dtype=StepLimits)
     control: ControlState
@@ -29,6 +31,10 @@ class SewnArrays:
     displacements: wp.array(dtype=wp.vec4)
     events: wp.array(dtype=int)
     history: wp.array(dtype=int)
+    bases: wp.array(dtype=wp.vec4)
+    line_rests: wp.array(dtype=float)
+    line_scales: wp.array(dtype=float)
+    line_multipliers: wp.array(dtype=float)
     seams: SeamState
     numbers: wp.array(dtype=NumbersRow)
 
@@ -57,19 +63,34 @@ class Stitch:
 class Seams:
     """All stitches of all worlds.
 
-    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each sewn
-    body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch may
-    reach, and its number there. firsts: (batches,) the place of the first particle of a batch among all. moves: sums of
-    displacements that stitches ask for, three for each particle of each world. counts: stitches at each of them.
+    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each
+    sewn body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch
+    may reach, its number there, its body, and 1 for second order. firsts: (batches,) the place of the first
+    particle of a batch among all. moves: sums of displacements that stitches ask for, three for each particle of
+    each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. inverses:
+    the inverse mass of each with all that its ways drag along [1/kg]. starts: its displacement without stitches
+    [m].
+
+    ways: (W,) first and end of its beads. way_starts: (T + 1,) those of a touched particle. beads: (n,) particle in its
+    batch, and slot of the spring to it. pulls: (worlds n,) unit vector of that spring, and the mass behind it [kg].
+    rests: (worlds n,) multiplier that the spring gains while its near end stays [kg m].
     """
 
     arrays: wp.array(dtype=SewnArrays)
     stitches: wp.array(dtype=Stitch)
     bodies: wp.array(dtype=wp.vec3i)
-    touched: wp.array(dtype=wp.vec2i)
+    touched: wp.array(dtype=wp.vec4i)
     firsts: wp.array(dtype=int)
     moves: wp.array(dtype=wp.int64)
     counts: wp.array(dtype=int)
+    closing: wp.array(dtype=int)
+    inverses: wp.array(dtype=wp.mat33)
+    starts: wp.array(dtype=wp.vec3)
+    ways: wp.array(dtype=wp.vec2i)
+    way_starts: wp.array(dtype=int)
+    beads: wp.array(dtype=wp.vec2i)
+    pulls: wp.array(dtype=wp.vec4)
+    rests: wp.array(dtype=float)
     particles: int
     worlds: int
 
@@ -96,23 +117,62 @@ def seams_of(
             rows["seconds"] = np.array(orders)[rows["batches"]] - 1
             numbers[batch] += len(rows)
             stitches.append(rows)
-            used += [np.column_stack([rows["batches"][:, k // 2], rows["particles"][:, k]]) for k in range(4)]
+            for k in range(4):
+                side = [rows[each][:, k // 2] for each in ("batches", "bodies", "seconds")]
+                used.append(np.column_stack([side[0], rows["particles"][:, k], *side[1:]]))
             if each.slides:
                 other, number = homes[each.other]
                 rope = bodies[other][number]
                 along = rope["particles"] + np.arange(rope["count"])
-                used.append(np.column_stack([np.full(len(along), other), along]))
+                same = [np.full(len(along), each) for each in (other, number, orders[other] - 1)]
+                used.append(np.column_stack([same[0], along, *same[1:]]))
     seams.arrays = wp.array([_arrays_of(each) for arrays in batches for each in arrays], SewnArrays, device=device)
     seams.stitches = wp.array(np.concatenate(stitches), dtype=Stitch, device=device)
     sewn = [(*home, orders[home[0]] - 1) for home in homes.values()]
     seams.bodies = wp.array(np.array(sewn, np.int32), dtype=wp.vec3i, device=device)
     touched = np.unique(np.concatenate(used), axis=0).astype(np.int32)
-    seams.touched = wp.array(touched, dtype=wp.vec2i, device=device)
+    seams.touched = wp.array(touched, dtype=wp.vec4i, device=device)
+    _add_ways(seams, touched, batches, {home: topologies[name] for name, home in homes.items()}, device)
     seams.firsts = wp.array(np.cumsum([0, *sizes[:-1]]), dtype=int, device=device)
     seams.particles, seams.worlds = sum(sizes), worlds
     seams.moves = wp.zeros(3 * worlds * seams.particles, dtype=wp.int64, device=device)
     seams.counts = wp.zeros(worlds * seams.particles, dtype=int, device=device)
+    seams.closing = wp.zeros(worlds, dtype=int, device=device)
+    seams.inverses = wp.zeros(worlds * seams.particles, dtype=wp.mat33, device=device)
+    seams.starts = wp.zeros(worlds * seams.particles, dtype=wp.vec3, device=device)
     return seams
+
+
+def _add_ways(seams: Seams, touched: np.ndarray, batches, topologies, device: wp.Device) -> None:
+    """Add the ways from touched particles. topologies: batch, and number of the body there -> Topology."""
+    around: list[list[list[tuple[int, int]]]] = [[] for _ in touched]
+    for home, topology in topologies.items():
+        model = batches[home[0]][0].model
+        body = model.bodies.numpy()[home[1]]
+        rows = np.flatnonzero((touched[:, 0] == home[0]) & (touched[:, 2] == home[1]))
+        first, slots = int(body["particles"]), _slots_of(model, body)
+        for row, ways in zip(rows, ways_of(topology, (touched[rows, 1] - first).tolist()), strict=True):
+            for way in ways:
+                ends = [touched[row, 1] - first, *way[:-1]]
+                around[row].append([(first + j, slots[min(i, j), max(i, j)]) for i, j in zip(ends, way, strict=True)])
+    ways = [way for each in around for way in each]
+    ends = np.cumsum([0, *(len(way) for way in ways)])
+    beads = np.array([bead for way in ways for bead in way], dtype=np.int32).reshape(-1, 2)
+    bounds = np.column_stack([ends[:-1], ends[1:]]).astype(np.int32)
+    seams.ways, seams.beads = (wp.array(each, dtype=wp.vec2i, device=device) for each in (bounds, beads))
+    seams.way_starts = wp.array(np.cumsum([0, *map(len, around)]), dtype=int, device=device)
+    worlds = len(batches[0])
+    seams.pulls = wp.zeros(worlds * len(beads), dtype=wp.vec4, device=device)
+    seams.rests = wp.zeros(worlds * len(beads), dtype=float, device=device)
+
+
+def _slots_of(model, body) -> dict[tuple[int, int], int]:
+    """Slot of the structural spring between two particles of a body, the lesser one first."""
+    first, end = int(body["lines"]), int(body["lines_end"])
+    nodes, others = (each.numpy()[first:end] for each in (model.line_nodes, model.line_others))
+    there = np.flatnonzero(others >= 0)  # structural springs come last, where others join the same particles
+    pairs = np.sort(np.column_stack([nodes, others])[there], axis=1)
+    return {(int(i), int(j)): first + int(k) for (i, j), k in zip(pairs, there, strict=True)}
 
 
 def _rows(stitches, home: tuple[int, int], other: tuple[int, int], bodies: list[np.ndarray], first: int) -> np.ndarray:
@@ -132,6 +192,10 @@ def _arrays_of(arrays: Arrays) -> SewnArrays:
     found, state = SewnArrays(), arrays.state
     found.bodies, found.frames, found.limits = arrays.model.bodies, arrays.frames, arrays.limits
     found.control, found.seams, found.numbers = state.control, state.seams, arrays.numbers
+    found.materials, found.line_scales = arrays.materials, arrays.model.line_scales
+    found.bases, found.line_multipliers = state.lines.bases, state.lines.line_multipliers
+    membrane = state.lines.line_lengths.shape[0] > 0
+    found.line_rests = state.lines.line_lengths if membrane else arrays.model.line_rests
     for name in ("positions", "position_lo", "displacements", "events", "history"):
         setattr(found, name, getattr(state, name))
     return found

@@ -6,8 +6,10 @@ mass (mass splitting, Tonge et al. 2012), and some passes find what that left ov
 of stitches does not change a bit of the result. Forces of a stitch on its two points are opposite, so that momentum is
 kept. That also takes bodies that are all of first or all of second order in a substep, to which `agree` sees.
 
-Stitches come after lines and ropes, which do not know of the load. So the particles at a stitch of load F give way by
-about h^2 F / m, which falls with the square of the substep, and the measured error sees it.
+Stitches come after lines and ropes, which do not know of the load, and so give way to it. A stitch is therefore solved
+with the lines of structural springs that its particles hold, as if these went on through the seam (ways.py). Each line
+is eliminated from its far end on, so that a particle yields with all that it drags along. Other springs, and ropes that
+are solved as a whole, still give way by about h^2 F / m for a load F, and the measured error sees it.
 
 A stitch that begins open closes at no more than a set speed. It does not break before it is closed.
 
@@ -23,7 +25,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.parameters import SEAM
-from cloth_sim_ros.sim.arrays.state import Arrays, substep_length, was_smooth
+from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substep_length, was_smooth
 from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
 from cloth_sim_ros.sim.input.numbers import place_of
@@ -171,20 +173,142 @@ def _begin(seams: Seams, s: int, w: int, first: bool, last: bool):
     for k in range(4):
         if tie.weights[k] != 0.0:
             wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
+    if now[1] == _CLOSES and not last:
+        seams.closing[w] = 1
 
 
 @wp.func
-def _yields(seams: Seams, stitch: Stitch, tie: Tie, k: int, substep: int) -> float:
+def _place(seams: Seams, k: int, w: int) -> int:
+    """Return the place of a touched particle among those of all worlds."""
+    of = seams.touched[k]
+    return w * seams.particles + seams.firsts[of[0]] + of[1]
+
+
+@wp.func
+def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, gamma: float) -> wp.vec4:
+    """Return the unit vector of a spring from particle i to j, and what is left of its equation [m]."""
+    moved, then = load_row(side.displacements, i), load_row(side.displacements, j)
+    edge = xyz((load_row(side.positions, j) - load_row(side.positions, i)) + (then - moved))
+    length = wp.max(wp.length(edge), SHORTEST)
+    left = length - side.line_rests[slot] + compliance * side.line_multipliers[slot]
+    if gamma > 0.0:
+        apart = xyz((then - load_row(side.bases, j)) - (moved - load_row(side.bases, i)))
+        was = edge - apart
+        left += gamma * wp.dot(edge + was, apart) / (length + wp.length(was) + SHORTEST)
+    return pack(edge / length, left)
+
+
+@wp.func
+def _release(seams: Seams, k: int, w: int, substep: int):
+    """Move a touched particle as the springs of its ways ask, all solved at once, and find how it yields with them.
+
+    Each way is eliminated from its far end on: its first spring then gains the multiplier `rest + mass u . z` as the
+    particle moves by z.
+    """
+    of = seams.touched[k]
+    side = seams.arrays[of[0] * seams.worlds + w]
+    square = _square_step(side, of[2], of[3], substep)
+    gamma = side.materials[of[2]].damping * side.bodies[of[2]].line_damping / wp.sqrt(square)
+    soft = compliance_of(side.materials[of[2]], 0) / square
+    d = load_row(side.displacements, of[1])
+    holds, asks = wp.identity(n=3, dtype=float), wp.vec3(0.0)
+    for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
+        mass, rest, along = float(0.0), float(0.0), wp.vec3(0.0)
+        way = seams.ways[q]
+        for b in range(way[1] - 1, way[0] - 1, -1):
+            i = int(of[1])
+            if b > way[0]:
+                i = seams.beads[b - 1][0]
+            j, slot = seams.beads[b][0], seams.beads[b][1]
+            near, far = load_row(side.displacements, i)[3], load_row(side.displacements, j)[3]
+            compliance = soft * side.line_scales[slot]
+            spring = _residual(side, i, j, slot, compliance, gamma)
+            turn, eased = wp.dot(along, xyz(spring)), 1.0 / (1.0 + far * mass)
+            left = spring[3] - (1.0 + gamma) * far * turn * rest * eased
+            diagonal = compliance + (1.0 + gamma) * far * (1.0 - turn * turn * far * mass * eased)
+            diagonal += 1.0e-5 * (near + far) + 1.0e-30
+            along = xyz(spring)
+            mass, rest = (1.0 + gamma) / diagonal, -left / diagonal
+            if side.line_rests[slot] < 0.0:  # it failed
+                mass, rest = 0.0, 0.0
+            seams.pulls[w * seams.beads.shape[0] + b] = pack(along, mass)
+            seams.rests[w * seams.beads.shape[0] + b] = rest
+        holds += d[3] * mass * wp.outer(along, along)
+        asks -= d[3] * rest * along
+    number = _place(seams, k, w)
+    seams.inverses[number] = d[3] * wp.inverse(holds)
+    seams.starts[number] = xyz(d)
+    store_row(side.displacements, of[1], d + pack(wp.inverse(holds) * asks, 0.0))
+
+
+@wp.func
+def _leaves(seams: Seams, w: int, last: bool) -> bool:
+    """True if sewn particles move alone: at the end, and while a stitch closes, which colliders then hinder less."""
+    return last or seams.closing[w] != 0
+
+
+@wp.func
+def _leave(seams: Seams, k: int, w: int):
+    """Let a touched particle yield alone."""
+    of = seams.touched[k]
+    inverse = load_row(seams.arrays[of[0] * seams.worlds + w].displacements, of[1])[3]
+    number = _place(seams, k, w)
+    seams.inverses[number] = inverse * wp.identity(n=3, dtype=float)
+
+
+@wp.func
+def _free(seams: Seams, w: int, t: int, width: int, substep: int, last: bool):
+    """Let the touched particles move as they would without stitches, and find how they yield."""
+    for k in range(t, seams.touched.shape[0], width):
+        if _leaves(seams, w, last):
+            _leave(seams, k, w)
+        else:
+            _release(seams, k, w, substep)
+
+
+@wp.func
+def _follow(seams: Seams, k: int, w: int):
+    """Let the ways of a touched particle follow its move since `_release`."""
+    of = seams.touched[k]
+    side = seams.arrays[of[0] * seams.worlds + w]
+    number = _place(seams, k, w)
+    moved = xyz(load_row(side.displacements, of[1])) - seams.starts[number]
+    for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
+        way, at = seams.ways[q], w * seams.beads.shape[0]
+        pull = load_row(seams.pulls, at + way[0])
+        gained = seams.rests[at + way[0]] + pull[3] * wp.dot(xyz(pull), moved)
+        for b in range(way[0], way[1]):
+            j, slot = seams.beads[b][0], seams.beads[b][1]
+            d, impulse = load_row(side.displacements, j), gained * xyz(pull)
+            side.line_multipliers[slot] = side.line_multipliers[slot] + gained
+            if b + 1 < way[1]:
+                beyond = load_row(seams.pulls, at + b + 1)
+                turn, pull = wp.dot(xyz(pull), xyz(beyond)), beyond
+                rest = seams.rests[at + b + 1]
+                gained = rest + pull[3] * d[3] * (gained * turn - rest) / (1.0 + d[3] * pull[3])
+                impulse -= gained * xyz(pull)
+            store_row(side.displacements, j, d + pack(d[3] * impulse, 0.0))
+
+
+@wp.func
+def _yields(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int, substep: int) -> wp.mat33:
     """Return how far particle k of a stitch moves under its force [m/N]."""
     side = seams.arrays[tie.arrays[k / 2]]
     square = _square_step(side, stitch.bodies[k / 2], stitch.seconds[k / 2], substep)
-    return tie.weights[k] * square * load_row(side.displacements, tie.particles[k])[3]
+    return tie.weights[k] * square * seams.inverses[_number(seams, stitch, tie, k, w)]
 
 
 @wp.func
 def _number(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
     """Return the place of particle k of a stitch among those of all worlds."""
     return w * seams.particles + seams.firsts[stitch.batches[k / 2]] + tie.particles[k]
+
+
+@wp.func
+def _solved(matrix: wp.mat33, right: wp.vec3) -> wp.vec3:
+    """Return the solution of a symmetric system of equations, scaled to stay within float32."""
+    size = wp.trace(matrix)
+    return wp.inverse(matrix / size) * (right / size)
 
 
 @wp.func
@@ -197,27 +321,33 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
         return
     numbers = of.numbers[stitch.row].values
     tie = _at(seams, stitch, now, w, last)
-    yields, inverse = wp.vec4(0.0), float(0.0)
+    inverse = wp.mat33(0.0)
     for k in range(4):
         if tie.weights[k] != 0.0:
-            yields[k] = _yields(seams, stitch, tie, k, substep)
-            inverse += tie.weights[k] * yields[k] * float(seams.counts[_number(seams, stitch, tie, k, w)])
-    if inverse == 0.0:
+            several = float(seams.counts[_number(seams, stitch, tie, k, w)])
+            inverse += tie.weights[k] * several * _yields(seams, stitch, tie, k, w, substep)
+    size = wp.trace(inverse)
+    if size == 0.0:
         return
     gap = _across(_gap(seams, tie, True), tie)
     force, compliance = of.seams.stitch_forces[stitch.number], numbers[_COMPLIANCE]
-    more, most = -(gap + compliance * force) / (inverse + compliance), numbers[_SPEED] * _length(of, stitch.bodies[0])
+    unit = wp.identity(n=3, dtype=float)
+    slides = wp.outer(tie.along, tie.along)
+    inverse = (unit - slides) * inverse * (unit - slides)
+    more = -_solved(inverse + compliance * unit + size * slides, gap + compliance * force)
+    most = numbers[_SPEED] * _length(of, stitch.bodies[0])
     if now[1] == _CLOSES:
         least = wp.length(_across(_gap(seams, tie, False), tie)) - most
         if least <= compliance * wp.length(force):
             of.seams.stitches[stitch.number] = wp.vec3(now[0], _CLOSED, now[2])
         elif wp.length(gap + inverse * more) < least:
             left = gap * wp.min(1.0, least / wp.max(wp.length(gap), SHORTEST))
-            more = (left - gap) / inverse
+            more = _solved(inverse + size * slides, left - gap)
     of.seams.stitch_forces[stitch.number] = force + more
     for k in range(4):
-        if yields[k] != 0.0:
-            add_exactly(seams.moves, 3 * _number(seams, stitch, tie, k, w), yields[k] * more)
+        if tie.weights[k] != 0.0:
+            move = _yields(seams, stitch, tie, k, w, substep) * more
+            add_exactly(seams.moves, 3 * _number(seams, stitch, tie, k, w), move)
 
 
 @wp.func
@@ -236,12 +366,15 @@ def _move(seams: Seams, w: int, t: int, width: int):
 
 @wp.func
 def _end(seams: Seams, w: int, t: int, width: int, last: bool):
-    """Forget the counts, and break the stitches that bear too much in the end."""
+    """Let ways follow, forget the counts, and break the stitches that bear too much in the end."""
     for k in range(t, seams.touched.shape[0], width):
-        particle = seams.touched[k]
-        seams.counts[w * seams.particles + seams.firsts[particle[0]] + particle[1]] = 0
+        if not _leaves(seams, w, last):
+            _follow(seams, k, w)
+        seams.counts[_place(seams, k, w)] = 0
     if not last:
         return
+    if t == 0:
+        seams.closing[w] = 0
     for s in range(t, seams.stitches.shape[0], width):
         stitch = seams.stitches[s]
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
@@ -263,6 +396,9 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     for w in range(team, seams.worlds, group.teams):
         for s in range(t, seams.stitches.shape[0], group.width):
             _begin(seams, s, w, first, last)
+    sync_all(group)
+    for w in range(team, seams.worlds, group.teams):
+        _free(seams, w, t, group.width, substep, last)
     sync_all(group)
     for _pass in range(passes):
         for w in range(team, seams.worlds, group.teams):
