@@ -87,9 +87,10 @@ def make_spread(tangent_at, tangent_before):
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
             stiff_after = stiffness_of(j, ctx) * (1.0 + gamma)
-            moment_after = stiff_after * (s.twisted[k + 1].angle - s.twisted[k].angle)
+            twisted = s.twisted[k + 1].angle - s.twisted[k].angle
             if follows:
-                moment_after -= stiff_after * gamma / (1.0 + gamma) * twist_before(k, s)
+                twisted -= gamma / (1.0 + gamma) * twist_before(k, s)
+            moment_after = stiff_after * twisted
             if j > 0:
                 row = s.twisted[k - 1].row
                 lower = curved - stiff
