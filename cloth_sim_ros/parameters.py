@@ -233,7 +233,7 @@ ROPE = (
         0,
         1e12,
     ),
-    number("bend_damping", 0.0, "Time constant of the dashpot beside the stiffness in bending.", "s", 0, 1e3),
+    number("bend_damping", 0.0, "Time constant of the dashpot beside the stiffness in bending and twist.", "s", 0, 1e3),
     *_BODY,
     *_SURFACE,
     *_PLACE,

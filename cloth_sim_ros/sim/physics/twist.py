@@ -29,6 +29,13 @@ def angle_about(t: wp.vec3, u: wp.vec3, v: wp.vec3) -> float:
 
 
 @wp.func
+def small_angle_about(t: wp.vec3, u: wp.vec3, v: wp.vec3) -> float:
+    """The same up to its fifth power, of a small angle between unit vectors."""
+    sine = wp.dot(wp.cross(u, v), t)
+    return sine * (1.0 + sine * sine / 6.0)
+
+
+@wp.func
 def half_binormal(before: wp.vec3, after: wp.vec3) -> wp.vec3:
     """Half of the curvature binormal of a joint, t0 x t1 / (1 + t0 . t1): its length is the tangent of half the turn.
 

@@ -12,7 +12,7 @@ their unit tangents (Bergou et al. 2008, Discrete Elastic Rods). Its energy has 
 The second derivative is kept positive: pressure softens a segment across, and less bending than at rest a joint, by no
 more than the masses allow. A stiff segment keeps its tension from step to step, as in an
 augmented Lagrangian. So a compliance of 0 has a finite matrix. Dashpots act on the growth of lengths and of |kappa|,
-which a rotation leaves.
+which a rotation leaves. Where twist tells how the material turns, they act on the change of kappa in the material.
 
 The matrix has 3x3 blocks, each row coupled to the two before it. It is factored as L D L^T in double precision, from
 both ends at once: in the two halves of a vector register of a CPU, or by two threads of a GPU.
@@ -20,6 +20,7 @@ both ends at once: in the two halves of a vector register of a CPU, or by two th
 
 import warp as wp
 
+from cloth_sim_ros.sim.features.twist.arrays import Twisted
 from cloth_sim_ros.sim.kernels.native import source
 from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
@@ -52,6 +53,7 @@ def prepare(
     tensions: wp.array(dtype=float),
     moments: wp.array(dtype=wp.vec3),
     bends_at_rest: wp.array(dtype=wp.vec3),
+    twisted: wp.array(dtype=Twisted),
     last_displacements: wp.array(dtype=wp.vec3),
     scratch: wp.array(dtype=wp.float64),
     compliance: float,
@@ -72,7 +74,7 @@ def prepare(
     compliance: 1/EA [1/N]. bend_compliance: 1/EI. gamma, bend_gamma: times of the dashpots over h_e. carries: True if
     order 2 carries a part of the last displacement on. least: smallest compliance of a segment in the matrix [1/kg];
     stiffest: largest ratio of a joint's stiffness to its lightest mass there.
-    bends_at_rest: turns of joints at rest, of a rope with twist.
+    bends_at_rest: turns of joints at rest, of a rope with twist. twisted: how its segments turned about themselves.
     fed_segment: the one that a winch feeds, or -1; fed_length: its rest length, of which `fed` is new [m].
     """
     ...

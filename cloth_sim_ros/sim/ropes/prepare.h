@@ -32,6 +32,30 @@ auto growth_of = [&](const Edge& edge, double size) {
     const double sum = size + sqrt(before);
     return sum > 0.0 && size > 0.0 ? product / sum - carried / size : 0.0;
 };
+// A turn vector of before, carried along in the material: turned as little as takes the sum of tangents `was` to `now`,
+// then by an angle of tangent 2 s about that. Sums are as long as before but for a change of the bend.
+auto carried_to = [](const double* now, const double* was, const double* turn, double s, double* to) {
+    double square = 0.0, both = 0.0, ahead = 0.0, behind = 0.0;
+    for (int c = 0; c < 3; ++c) {
+        square += now[c] * now[c];
+        both += now[c] * was[c];
+        ahead += (now[c] + was[c]) * turn[c];
+        behind += was[c] * turn[c];
+    }
+    if (square < 1.0e-4) square = 1.0e-4;  // a joint that folds back on itself
+    const double cosine = 1.0 + both / square, less = ahead / ((cosine > 0.01 ? cosine : 0.01) * square);
+    double swung[3], across[3];
+    for (int c = 0; c < 3; ++c) swung[c] = turn[c] - less * (now[c] + was[c]) + 2.0 * behind / square * now[c];
+    const double length = sqrt(square), share = 2.0 * s / (1.0 + s * s);
+    for (int c = 0; c < 3; ++c) {
+        const int a = (c + 1) % 3, b = (c + 2) % 3;
+        across[c] = (now[a] * swung[b] - now[b] * swung[a]) / length;
+    }
+    for (int c = 0; c < 3; ++c) {
+        const int a = (c + 1) % 3, b = (c + 2) % 3;
+        to[c] = swung[c] + share * (across[c] + s / length * (now[a] * across[b] - now[b] * across[a]));
+    }
+};
 auto length_of = [](const double* v) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); };
 for (int k = first + t; k < count - 1; k += threads) {
     double* to = row(k);
@@ -88,7 +112,32 @@ for (int j = first + t; bends && j < count - 2; j += threads) {
     const double least_yields = lightest * steepest * steepest / (double)stiffest;
     const double softer = yields > least_yields ? yields : least_yields;
     const double stiff = softer > 0.0 ? 1.0 / softer : 0.0, rest = joint[0] * inverse;
-    const double growth = bend_gamma > 0.0f ? bend_gamma * growth_of(turn, size) : 0.0;
+    // In the material, where it is known how that turns: the dashpots resist a bend that goes about the rope, too.
+    const bool follows = bend_gamma > 0.0f && twisted.shape[0] > 0 && twisted.data[segments + j].row[1] > 0.0f;
+    double resisted[3] = {};
+    if (follows) {
+        const double spin = 0.25 * ((double)twisted.data[segments + j].row[0] + twisted.data[segments + j + 1].row[0]);
+        double now[3], was[3], before_that[3], bent[3], carried[3];
+        for (int c = 0; c < 3; ++c) {
+            now[c] = behind * two.now[c] + before * one.now[c];
+            was[c] = now[c] - (behind * two.change[c] + before * one.change[c]);
+            bent[c] = turn.now[c] - turn.change[c];
+        }
+        carried_to(now, was, bent, spin, carried);
+        for (int c = 0; c < 3; ++c) resisted[c] = turn.now[c] - carried[c];
+        if (carries) {
+            for (int c = 0; c < 3; ++c) {
+                before_that[c] = was[c] - 3.0 * (behind * two.carried[c] + before * one.carried[c]);
+                bent[c] -= 3.0 * turn.carried[c];
+            }
+            double earlier[3];
+            carried_to(now, before_that, bent, 2.0 * spin, earlier);
+            for (int c = 0; c < 3; ++c) resisted[c] -= (carried[c] - earlier[c]) / 3.0;
+        }
+    } else if (bend_gamma > 0.0f) {
+        const double growth = growth_of(turn, size);
+        for (int c = 0; c < 3; ++c) resisted[c] = growth * turn.now[c] * inverse;
+    }
     to[BEFORE] = before;
     to[BEHIND] = behind;
     to[STIFF] = stiff * (1.0 + bend_gamma);
@@ -98,10 +147,10 @@ for (int j = first + t; bends && j < count - 2; j += threads) {
     double across = joint[0] > 0.0f ? held * inverse / stiff : 1.0;
     if (across < (room > 0.0 ? -1.0 / room : 0.0)) across = room > 0.0 ? -1.0 / room : 0.0;
     if (across > 1.0) across = 1.0;
-    to[SHARE] = across / (1.0 + bend_gamma);
+    to[SHARE] = (across + (follows ? bend_gamma : 0.0f)) / (1.0 + bend_gamma);
     for (int c = 0; c < 3; ++c) {
         to[BEND + c] = turn.now[c] * inverse;
         const double bend = bends_at_rest.shape[0] > 0 ? bends_at_rest.data[segments + j][c] : 0.0;
-        to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] - bend + growth * to[BEND + c]);
+        to[MOMENT + c] = stiff * ((1.0 - rest) * turn.now[c] - bend + bend_gamma * resisted[c]);
     }
 }

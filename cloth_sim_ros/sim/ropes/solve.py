@@ -120,6 +120,7 @@ def _make_ready(features: Features, threads: int):
             ctx.state.rope.tensions,
             ctx.state.rope.moments,
             ctx.state.twist.bends,
+            ctx.state.twist.twisted,
             ctx.state.last_displacements,
             ctx.state.rope.scratch,
             ctx.material.compliance[0],

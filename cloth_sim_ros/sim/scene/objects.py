@@ -251,8 +251,8 @@ class Rope:
     stretch_compliance [1/N] = 1/EA. bend_compliance [1/(N m^2)] = 1/EI or None for no bending. 0 is rigid. mass [kg] is
     the total, lumped by length; particle_masses (N,) [kg] overrides it. end_mass [kg]: an additional load at the last
     particle. radius [m]. pins: "start", "end", "both", None or indices. damping [s]: c = damping x constant of each
-    segment; bend_damping [s]: the same of each joint. With self_contact its parts keep twice the radius from one
-    another.
+    segment; bend_damping [s]: the same of each joint, in twist too. With self_contact its parts keep twice the radius
+    from one another.
 
     winch: a drum at the start, which must be pinned; the end may be. The part that is not paid out lies on the drum.
     The rest, measured from the end, lies along the path from the start. It bends about a hinge at the drum, and is

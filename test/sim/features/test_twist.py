@@ -90,10 +90,10 @@ def test_a_long_rope_in_tension_coils_at_greenhills_moment(device, share, coils,
 RING = 64
 
 
-def ring(device, share, torsion=0.03, bending=0.02, radius=0.3, **settings):
+def ring(device, share, torsion=0.03, bending=0.02, radius=0.3, bend_damping=0.0, **settings):
     """A straight rope bent to a closed ring, its end turned by a share of Michell's 2 pi sqrt(3) EI / GJ."""
     edge = 2.0 * radius * np.sin(np.pi / RING)
-    rope = clamped(RING + 1, (RING + 1) * edge, bending, torsion, stretch_compliance=1e-5)
+    rope = clamped(RING + 1, (RING + 1) * edge, bending, torsion, stretch_compliance=1e-5, bend_damping=bend_damping)
     sim = simulation(rope, device, **settings)
     angle = 2.0 * np.pi * (np.arange(RING + 2) - 0.5) / RING
     sim.set_positions("it", np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1))
@@ -125,9 +125,10 @@ def test_forces_and_moments_of_both_clamps_balance_in_a_coiled_rope(device, orde
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_rope_that_folds_gains_no_energy(device, order):
+@pytest.mark.parametrize("bend_damping", [0.0, 0.01])
+def test_a_rope_that_folds_gains_no_energy(device, bend_damping, order):
     torsion, bending, axial = 0.03, 0.02, 1e5
-    sim, critical = ring(device, 1.1, torsion, bending, order=order)
+    sim, critical = ring(device, 1.1, torsion, bending, bend_damping=bend_damping, order=order)
     masses, edge = sim.masses("it"), 2.0 * 0.3 * np.sin(np.pi / RING)
     span = np.full(RING, edge)
     span[[0, -1]] *= 0.5  # a held segment does not bend
@@ -151,7 +152,7 @@ def test_a_rope_that_folds_gains_no_energy(device, order):
 def test_both_executors_and_many_worlds_give_the_same_state(device, order):
     found = {}
     for executor, worlds in (("block", 1), ("graph", 1), ("block", 2)):
-        sim, _ = ring(device, 0.8, order=order, worlds=worlds, executor=executor)
+        sim, _ = ring(device, 0.8, bend_damping=0.01, order=order, worlds=worlds, executor=executor)
         if worlds > 1:
             sim.set("it.end_turn", 0.0, 1)
         sim.step(20)

@@ -9,8 +9,14 @@ rest turns towards where it is bent. A Newton step a substep follows that.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.features.twist.arrays import Twist
+from cloth_sim_ros.sim.features.twist.arrays import Twist, TwistState
 from cloth_sim_ros.sim.physics.twist import half_binormal, rest_turn
+
+# Angles of the material are known as order 2 extrapolates it to the end of the substep, or LATE, as it begins. If they
+# FOLLOW those of the last substep, they tell how the material turned; those behind late ones turned for two substeps.
+FOLLOW = wp.constant(1.0)
+AHEAD = wp.constant(0.0)
+LATE = wp.constant(-1.0)
 
 
 @wp.func
@@ -23,6 +29,18 @@ def stiffness_of(j: int, ctx: Context) -> float:
 
 
 @wp.func
+def gamma_of(ctx: Context) -> float:
+    """Time of the dashpots over the substep, whose rates are of first order here."""
+    return ctx.material.bend_damping * ctx.step.inverse * wp.where(ctx.step.second, 2.0 / 3.0, 1.0)
+
+
+@wp.func
+def twist_before(k: int, s: TwistState) -> float:
+    """Twist between two segments in the last substep [rad], from what `carry` of twist.py left."""
+    return s.twisted[k + 1].couple[0] - s.twisted[k].couple[0]
+
+
+@wp.func
 def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
     """Turn of joint j at rest, in world axes now; `before` and `after` are the tangents around it."""
     s, k = ctx.state.twist, ctx.body.segments + j
@@ -30,13 +48,24 @@ def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
     return rest_turn(s.rest_turns[k], s.twisted[k].carried + s.twisted[k + 1].carried, before + after, angle)
 
 
-def make_spread(tangent_at):
-    """Return a Warp function that finds the angles of the material; `tangent_at` is that of twist.py."""
+def make_spread(tangent_at, tangent_before):
+    """Return a Warp function that finds the angles of the material; tangents are those of twist.py."""
 
     @wp.func
-    def spread(angle: float, ctx: Context):
-        """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm."""
+    def spread(angle: float, follows: bool, ctx: Context):
+        """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm.
+
+        If it `follows` the last substep, dashpots resist its turning. Each row ends as the angle by which its segment
+        turned about itself since then, and FOLLOW, AHEAD or LATE.
+        """
         s, first, last = ctx.state.twist, ctx.body.segments, ctx.body.count - 2
+        gamma, was = float(0.0), wp.vec3(0.0)
+        start, end = float(s.twisted[first].angle), float(s.twisted[first + last].angle)  # before they are written
+        how = wp.where(ctx.step.second, AHEAD, LATE)
+        if follows:
+            how = FOLLOW
+            gamma = gamma_of(ctx)
+            was = tangent_before(0, ctx)
         s.twisted[first].angle = 0.0
         s.twisted[first + last].angle = angle
         s.twisted[first].row = wp.vec2(0.0)
@@ -45,13 +74,23 @@ def make_spread(tangent_at):
             k = first + j
             after = tangent_at(j + 1, ctx)
             bend = bend_at(j, before, after, ctx)
+            if follows:
+                was_after = tangent_before(j + 1, ctx)
+                turn = was_after - was
+                # A clamp turned its segment already.
+                ahead = wp.where(j == 0, -start, 0.0) + wp.where(j == last - 1, angle - end, 0.0)
+                bend += gamma * (turn + wp.cross(0.25 * ahead * (before + after), turn))
+                was = was_after
             joint = ctx.model.joints[k]
             rigidity = 1.0 / wp.max(ctx.material.compliance[2] * joint[1], 1.0e-30)
             # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
-            stiff_after = stiffness_of(j, ctx)
-            moment_after = stiff_after * (s.twisted[k + 1].angle - s.twisted[k].angle)
+            stiff_after = stiffness_of(j, ctx) * (1.0 + gamma)
+            twisted = s.twisted[k + 1].angle - s.twisted[k].angle
+            if follows:
+                twisted -= gamma / (1.0 + gamma) * twist_before(k, s)
+            moment_after = stiff_after * twisted
             if j > 0:
                 row = s.twisted[k - 1].row
                 lower = curved - stiff
@@ -65,6 +104,9 @@ def make_spread(tangent_at):
             k = first + last - back
             move = s.twisted[k].row[1] - s.twisted[k].row[0] * move
             s.twisted[k].angle += move
+            s.twisted[k].row = wp.vec2(move, how)
+        s.twisted[first].row = wp.vec2(-start, how)
+        s.twisted[first + last].row = wp.vec2(angle - end, how)
 
     return spread
 
@@ -73,7 +115,7 @@ def make_bend_joints(tangent_at):
     """Return a Warp function that stores what the twist does to all joints; `tangent_at` is that of twist.py."""
 
     @wp.func
-    def bend_joints(twist: Twist, ctx: Context) -> Twist:
+    def bend_joints(twist: Twist, follows: bool, ctx: Context) -> Twist:
         """Store the couples and bends of all joints, and return the twist with its moments."""
         s, last = ctx.state.twist, ctx.body.count - 2
         before, length = tangent_at(0, ctx), float(0.0)
@@ -85,7 +127,10 @@ def make_bend_joints(tangent_at):
             s.bends[k] = bend_at(j, before, after, ctx)
             moment = float(0.0)
             if twist.known == 1:
-                moment = stiffness_of(j, ctx) * (s.twisted[k + 1].angle - s.twisted[k].angle)
+                angle = s.twisted[k + 1].angle - s.twisted[k].angle
+                if follows:
+                    angle += gamma_of(ctx) * (angle - twist_before(k, s))
+                moment = stiffness_of(j, ctx) * angle
             s.twisted[k].couple = moment * half_binormal(before, after)
             if j == 0:
                 twist.start_moment = moment

@@ -16,25 +16,42 @@ from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.twist.arrays import Twist
 from cloth_sim_ros.sim.features.twist.clamps import make_clamps, start_of, without_twist
-from cloth_sim_ros.sim.features.twist.spread import make_bend_joints, make_spread
-from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
+from cloth_sim_ros.sim.features.twist.spread import LATE, make_bend_joints, make_spread
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, xyz
 from cloth_sim_ros.sim.physics.bending import wrap_angle
-from cloth_sim_ros.sim.physics.twist import angle_about, carried_across
+from cloth_sim_ros.sim.physics.twist import FOLDED, angle_about, carried_across, small_angle_about
 
 
-def make_tangent(order: int):
-    """Return a Warp function: the unit tangent of segment k as the substep begins; order 2 extrapolates it."""
+def make_tangents(order: int):
+    """Return two Warp functions: the unit tangent of segment k as the substep begins, and that a substep before.
+
+    Order 2 extrapolates both, by a substep.
+    """
+
+    @wp.func
+    def edge_of(k: int, ctx: Context) -> wp.vec3:
+        return xyz(load4(ctx.x, k + 1) - load4(ctx.x, k)) + xyz(
+            load4(ctx.position_lo, k + 1) - load4(ctx.position_lo, k)
+        )
 
     @wp.func
     def tangent_at(k: int, ctx: Context) -> wp.vec3:
         g = ctx.body.particles + k
-        e = xyz(load4(ctx.x, k + 1) - load4(ctx.x, k)) + xyz(load4(ctx.position_lo, k + 1) - load4(ctx.position_lo, k))
+        e = edge_of(k, ctx)
         if wp.static(order == 2):
             if ctx.step.second:
                 e += ctx.state.last_displacements[g + 1] - ctx.state.last_displacements[g]
         return wp.normalize(e)
 
-    return tangent_at
+    @wp.func
+    def tangent_before(k: int, ctx: Context) -> wp.vec3:
+        g = ctx.body.particles + k
+        e = edge_of(k, ctx)
+        if wp.static(order == 1):
+            e -= ctx.step.effective * xyz(load_row(ctx.state.velocities, g + 1) - load_row(ctx.state.velocities, g))
+        return wp.normalize(e)
+
+    return tangent_at, tangent_before
 
 
 @wp.func
@@ -60,17 +77,27 @@ def push_by_couples(i: int, ctx: Context):
     store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
-def make_find_twist(order: int, handles: bool):
-    """Return a Warp function in which one thread computes the twist of a body and the couples of its joints.
-
-    order: order of the time integration. handles: True if the scene has handles, which may clamp the ends.
-    """
-    tangent_at = make_tangent(order)
+def _make_twist_anew(tangent_at, tangent_before, handles: bool):
+    """Return a Warp function that finds the total twist of a body; see make_find_twist."""
     clamped_by, clamp, turn_clamps = make_clamps(handles)
-    spread, bend_joints = make_spread(tangent_at), make_bend_joints(tangent_at)
 
     @wp.func
-    def twist_anew(ctx: Context) -> Twist:
+    def carry(k: int, u: wp.vec3, t: wp.vec3, follows: bool, ctx: Context):
+        """Store the carried vector u of segment k, whose tangent is t.
+
+        If it `follows`, the angle becomes that of a material which did not turn about the segment since the last
+        substep. The one before goes to `couple`.
+        """
+        s, i = ctx.state.twist, ctx.body.segments + k
+        if follows:
+            was, before, angle = s.twisted[i].carried, tangent_before(k, ctx), s.twisted[i].angle
+            still = was - wp.dot(was, t) / wp.max(1.0 + wp.dot(before, t), FOLDED) * (before + t)
+            s.twisted[i].couple = wp.vec3(angle, 0.0, 0.0)
+            s.twisted[i].angle = angle - small_angle_about(t, still, u)
+        s.twisted[i].carried = u
+
+    @wp.func
+    def twist_anew(follows: bool, ctx: Context) -> Twist:
         """Return the twist at the present positions, and carry the vector of its start along the rope.
 
         At first, and after positions were set, the only twist is the angle by which the end is turned. After a new
@@ -89,13 +116,14 @@ def make_find_twist(order: int, handles: bool):
         else:
             twist.start = start_of(twist, before)
         u = twist.start
-        ctx.state.twist.twisted[ctx.body.segments].carried = u
+        carry(0, u, before, follows, ctx)
         for k in range(1, last + 1):
             after = tangent_at(k, ctx)
             u = carried_across(u, before, after)
-            ctx.state.twist.twisted[ctx.body.segments + k].carried = u
+            carry(k, u, after, follows, ctx)
             if not clamped:
                 ctx.state.twist.twisted[ctx.body.segments + k].angle = 0.0
+                ctx.state.twist.twisted[ctx.body.segments + k].row = wp.vec2(0.0, LATE)
             before = after
         if clamped:
             if twist.known != 1:
@@ -106,12 +134,30 @@ def make_find_twist(order: int, handles: bool):
             twist.turned = twist.wanted
         return twist
 
+    return twist_anew
+
+
+def make_find_twist(order: int, handles: bool):
+    """Return a Warp function in which one thread computes the twist of a body and the couples of its joints.
+
+    order: order of the time integration. handles: True if the scene has handles, which may clamp the ends.
+    """
+    tangent_at, tangent_before = make_tangents(order)
+    twist_anew = _make_twist_anew(tangent_at, tangent_before, handles)
+    spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at)
+
     @wp.func
     def find_twist(ctx: Context):
-        twist = twist_anew(ctx)
+        before = ctx.state.twist.twists[ctx.body.index]
+        # Dashpots act in the material, if it is known how that turned since the last substep.
+        follows = ctx.material.bend_damping > 0.0 and before.known == 1 and before.wanted == before.turned
+        if wp.static(order == 2):
+            follows = follows and ctx.step.second
+            follows = follows and ctx.state.twist.twisted[ctx.body.segments].row[1] != LATE
+        twist = twist_anew(follows, ctx)
         if twist.known == 1:
-            spread(twist.angle, ctx)
-        ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, ctx)
+            spread(twist.angle, follows, ctx)
+        ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, follows, ctx)
 
     return find_twist
 
