@@ -235,10 +235,10 @@ def _release(seams: Seams, k: int, w: int, substep: int):
             seams.rests[w * seams.beads.shape[0] + b] = rest
         holds += d[3] * mass * wp.outer(along, along)
         asks -= d[3] * rest * along
-    number = _place(seams, k, w)
-    seams.inverses[number] = d[3] * wp.inverse(holds)
+    number, eases = _place(seams, k, w), wp.inverse(holds)
+    seams.inverses[number] = d[3] * eases
     seams.starts[number] = xyz(d)
-    store_row(side.displacements, of[1], d + pack(wp.inverse(holds) * asks, 0.0))
+    store_row(side.displacements, of[1], d + pack(eases * asks, 0.0))
 
 
 @wp.func
@@ -252,8 +252,7 @@ def _leave(seams: Seams, k: int, w: int):
     """Let a touched particle yield alone."""
     of = seams.touched[k]
     inverse = load_row(seams.arrays[of[0] * seams.worlds + w].displacements, of[1])[3]
-    number = _place(seams, k, w)
-    seams.inverses[number] = inverse * wp.identity(n=3, dtype=float)
+    seams.inverses[_place(seams, k, w)] = inverse * wp.identity(n=3, dtype=float)
 
 
 @wp.func
