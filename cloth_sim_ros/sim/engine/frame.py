@@ -28,22 +28,28 @@ def run_frame(
     """
     measurements = [each.measurement for each in batches if each.measurement is not None]
     ledgers = [each.ledger for each in batches if each.ledger is not None]
-    for ledger in ledgers:
-        ledger.open()
-    for batch in batches:
-        if batch.ledger is not None or (measured and batch.measurement is not None):
-            batch.saved.save()
-    for divisor in TRIALS if measured and measurements else ():
+
+    def compute() -> None:
+        for ledger in ledgers:
+            ledger.open()
+        for batch in batches:
+            if batch.ledger is not None or (measured and batch.measurement is not None):
+                batch.saved.save()
+        for divisor in TRIALS if measured and measurements else ():
+            for each in measurements:
+                each.begin(divisor)
+            frame(divisor)
+            for each in measurements:
+                each.end()
+        frame(1)
+        for ledger in ledgers:
+            ledger.judge(repeat)
         for each in measurements:
-            each.begin(divisor)
-        frame(divisor)
-        for each in measurements:
-            each.end()
-    frame(1)
-    for ledger in ledgers:
-        ledger.judge(repeat)
-    for each in measurements:
-        if measured:
-            each.control()
-        else:
-            each.watch()
+            if measured:
+                each.control()
+            else:
+                each.watch()
+
+    compute()
+    for each in measurements if measured else ():
+        each.improve(compute)

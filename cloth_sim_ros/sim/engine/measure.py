@@ -3,11 +3,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
-from cloth_sim_ros.sim.substeps.control import OF_ROPES, begin_trial, change_substeps, control, end_trial, watch
+from cloth_sim_ros.sim.substeps.control import (
+    OF_ROPES,
+    begin_better,
+    begin_trial,
+    change_substeps,
+    control,
+    end_trial,
+    watch,
+)
 
 TRIALS = (4, 2)  # divisors of the number of substeps, in the order that `control` compares their results
 _MOST_THREADS = 256
@@ -32,6 +42,7 @@ class Measurement:
         remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
         self._wanted = wp.zeros(bodies, dtype=int, device=device)
+        self._far = wp.zeros(1, dtype=int, device=device)
         self.most = wp.zeros((len(worlds), bodies // len(worlds)), dtype=int, device=device)
 
         def launch(kernel: wp.Kernel, *inputs) -> wp.Launch:
@@ -41,9 +52,11 @@ class Measurement:
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
         self._end = launch(end_trial, *remembered, differences)
         watched = second and alone
-        chosen = (self._wanted, self.most.flatten(), int(second), int(alone), int(watched), growth)
+        chosen = (self._wanted, self.most.flatten(), int(second), int(alone), int(watched), growth, self._far)
         self._control = launch(control, *remembered, differences, *chosen)
         self._watch = launch(watch, growth) if watched else None
+        self._begin_better = launch(begin_better, self._wanted, self._far, int(second))
+        self._alone = alone
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -58,6 +71,16 @@ class Measurement:
     def control(self) -> None:
         """Estimate the error of the frame, and the substeps that the next should take."""
         self._control.launch()
+
+    def improve(self, frame: Callable[[], None]) -> None:
+        """Compute the first frame again by `frame`, trials and all, as long as its error is far beyond the wanted."""
+        if self._alone:
+            wp.capture_while(self._far, self._again, frame=frame)
+
+    def _again(self, frame: Callable[[], None]) -> None:
+        self._saved.restore()
+        self._begin_better.launch()
+        frame()
 
     def watch(self) -> None:
         """See from its last substep how much the error of a frame without trials grew; more substeps follow."""

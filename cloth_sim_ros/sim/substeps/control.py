@@ -9,6 +9,9 @@ substep: truncation in time, and what a single sweep of the constraints leaves.
 The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) then takes as many substeps
 that the errors of the frames in half a second add up to the wanted one.
 
+At the start nothing is known. So the first frame that is measured is computed again with more substeps while its error
+is far beyond the wanted one, as where a bent rope springs open. So is the first after a body was placed elsewhere.
+
 Between these frames the last substep of each tells how a sudden event changes its error, as a load that jerks its rope.
 Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it.
 """
@@ -39,6 +42,7 @@ STILL = wp.constant(6.0e-8)
 MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
 MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: what one shrink undoes
+FAR = wp.constant(3.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
 
@@ -260,6 +264,7 @@ def control(
     alone: int,
     watched: int,
     growth: float,
+    far: wp.array(dtype=int),
     block: int,
 ):
     bodies = given[0].limits.shape[0]
@@ -304,5 +309,25 @@ def control(
         most[k] = pays
         if alone > 0:
             s.control.substeps[b] = better
+            if is_first and share > FAR * limits.error and n < pays:
+                wanted[k] = -wp.min(int(MOST_GROWTH) * n, pays)  # trials are too coarse to tell the order
+                far[0] = 1
     if alone > 0 and second > 0:
         resample_all(t, block, given[w], b, n, better)
+
+
+@compiled
+def begin_better(
+    given: wp.array(dtype=Arrays), wanted: wp.array(dtype=int), far: wp.array(dtype=int), second: int, block: int
+):
+    bodies = given[0].limits.shape[0]
+    k, t = wp.tid() / block, wp.tid() % block
+    w, b = k / bodies, k % bodies
+    if wp.tid() == 0:
+        far[0] = 0
+    if wanted[k] < 0:
+        if second > 0:
+            resample_all(t, block, given[w], b, substeps_of(given[w].state.control, given[w].limits[b], b), -wanted[k])
+        sync()  # all threads have read what one will write
+        if t == 0:
+            given[w].state.control.substeps[b] = -wanted[k]
