@@ -71,12 +71,12 @@ def fitted(runs, start=4):
 
 @pytest.mark.long
 def test_numbers_come_back_from_a_start_in_motion():
-    """Markers do not tell how far the material lags behind its balance at the start: damping and GJ stand for that."""
+    """Markers do not tell how far the material lags behind its balance at the start, so that this is found as well."""
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
-    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
-    assert found.values[1] == pytest.approx(BEND_DAMPING, rel=0.08)
-    assert found.values[2] == pytest.approx(DRAG, rel=0.05)
-    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.2)
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.01)
+    assert found.values[1] == pytest.approx(BEND_DAMPING, rel=0.03)
+    assert found.values[2] == pytest.approx(DRAG, rel=0.03)
+    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.05)
     off = candidates.off(found.units[None])[0]
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
@@ -87,7 +87,7 @@ def test_noise_is_borne_and_told():
     _, found = fitted([record(3, 2e-3), record(4, 2e-3)])
     truth = np.array([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0])
     assert found.values == pytest.approx(truth, rel=0.08)
-    assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.3 * found.low).all()
+    assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.35 * found.low).all()
 
 
 @pytest.mark.long

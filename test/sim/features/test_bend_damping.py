@@ -101,3 +101,28 @@ def test_a_bend_in_a_plane_is_damped_alike_with_and_without_twist(device, order)
         places.append(np.array(rows))
     assert np.abs(places[0]).max() > 5e-3
     assert places[0] == pytest.approx(places[1], abs=5e-3 * np.abs(places[0]).max())
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("speed", [0.0, 3.0])
+def test_material_that_lags_behind_its_balance_comes_back_in_the_time_of_the_dashpots(device, order, speed):
+    """A straight rope moves sideways with its hands. As its twist is damped as it is stiff, every wave decays alike."""
+    sim, points = clamped(device, order)
+    points[:] = np.linspace(-0.5, 0.5, SEGMENTS + 1)[:, None] * [LENGTH, 0.0, 0.0]
+    for k in HELD:
+        sim.set_handle_pose(f"h{k}", points[k], sweep=False)
+    sim.set_positions("it", points)
+    sim.set_velocities("it", np.tile([0.0, speed, 0.0], (len(points), 1)))
+    lag = 0.3 * np.sin(np.pi * np.arange(SEGMENTS) / (SEGMENTS - 1))
+    sim.write("it", "lags", lag[None])
+    turned, frames = [], 6
+    for frame in range(frames):
+        for k in HELD:
+            sim.set_handle_pose(f"h{k}", points[k] + [0.0, speed * (frame + 1) / 60, 0.0])
+        sim.step()
+        across = sim.directors("it")
+        turned.append(np.arctan2(np.cross(across[:1], across) @ [1.0, 0.0, 0.0], across @ across[0]))
+    decay = np.exp(-np.arange(1, frames + 1) / (60 * TIME))
+    assert np.array(turned) == pytest.approx(decay[:, None] * lag, abs=0.02 * lag.max())
+    with pytest.raises(ValueError, match="it lags hold a number that is not finite"):
+        sim.write("it", "lags", np.full((1, SEGMENTS), np.nan))
