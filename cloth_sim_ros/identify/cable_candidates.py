@@ -11,6 +11,7 @@ import warp as wp
 from scipy.interpolate import CubicSpline
 
 from cloth_sim_ros.identify.cable import Cable
+from cloth_sim_ros.identify.cable_lag import lags as guessed_lags
 from cloth_sim_ros.identify.cable_shape import (
     as_numbers,
     fit_shape,
@@ -78,7 +79,7 @@ class CableCandidates:
     together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
     `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
     shaped: whether its bends at rest and the offsets of its markers are found. lags (R, _LAGS): waves [rad] in which
-    the material of each run is turned beyond its balance at the start, as dashpots have it after an earlier motion.
+    the material of each run lags at the start beyond what is guessed.
     until: how many of them are looked at. count: of numbers that are compared. alike: of those that an
     error of the model makes the same, which it does for about the time in which the cable swings. Raises ValueError for
     bad runs.
@@ -352,8 +353,8 @@ class CableCandidates:
         rest = self.cable.rest_turns(bends)
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
-        lags = (self.lags + lags[filled][:, None]).reshape(-1, _LAGS) @ self._waves
-        self._begin_well(moves, lags)
+        self._more_lags = (self.lags + lags[filled][:, None]).reshape(-1, _LAGS) @ self._waves
+        self._begin_well(moves, np.repeat([1.0 / values[:, 0], 1.0 / values[:, 3], values[:, 1]], runs, axis=1))
         found = []
         for frame in range(self.first, self.first + self.until):
             off = [self._step(frame)] + ([] if self._forces is None else [self._pulls(frame)])
@@ -361,20 +362,21 @@ class CableCandidates:
         found = np.stack(found, axis=1)
         return found[: len(units)]
 
-    def _begin_well(self, moves: np.ndarray, lags: np.ndarray) -> None:
+    def _begin_well(self, moves: np.ndarray, numbers: np.ndarray) -> None:
         """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
 
-        moves (2, worlds, M, 3) are added to these. A line through the distances in these frames corrects both, as if
-        markers moved freely; so it is done again.
+        moves (2, worlds, M, 3) are added to these. numbers (3, worlds) are those of cable_lag.lags. A line through the
+        distances in these frames corrects both, as if markers moved freely; so it is done again.
         """
         begin, times = self._begin, np.arange(self.first) / self.markers.rate
         for correction in range(_CORRECTIONS + 1):
             if correction == _CORRECTIONS:
                 begin = begin + moves
             self._hold(0, sweep=False)
-            for part, what in zip(begin, ("positions", "velocities"), strict=True):
-                self.sim.write(NAME, what, self._along(part, axis=1).astype(np.float32))
-            self.sim.write(NAME, "lags", lags)
+            x, v = (self._along(part, axis=1) for part in begin)
+            self.sim.write(NAME, "positions", x.astype(np.float32))
+            self.sim.write(NAME, "velocities", v.astype(np.float32))
+            self.sim.write(NAME, "lags", guessed_lags(x, v, numbers) + self._more_lags)
             off = [self._step(frame) for frame in range(1, self.first)]
             off = [begin[0] + self._beside() - np.tile(self._seen[:, 0], (self.worlds, 1, 1)), *off]
             if correction < _CORRECTIONS:
