@@ -175,6 +175,17 @@ def test_files_are_read_and_refused_in_one_sentence(tmp_path):
         Markers([run], RATE).split(5)
 
 
+def test_a_part_of_each_recording_is_used(tmp_path):
+    run = record(1, 0.0, frames=30, before=1)
+    np.savez(tmp_path / "a.npz", markers=run, rate=RATE, forces=run[:, 0])
+    part = Markers.read([tmp_path / "a.npz"], begin=5 / RATE, end=20 / RATE)
+    assert part.runs[0] == pytest.approx(run[5:21]) and part.forces[0] == pytest.approx(run[5:21, 0])
+    assert Markers.read([tmp_path / "a.npz"], begin=4.5 / RATE).runs[0] == pytest.approx(run[5:])
+    for span in ((-0.1, 1.0), (0.4, np.inf), (0.2, 0.3), (np.nan, 1.0)):
+        with pytest.raises(ValueError, match="--begin is .*which lasts 0.483 s; allowed are times with 10 frames"):
+            Markers.read([tmp_path / "a.npz"], CableTopics(), *span)
+
+
 def test_the_command_fits_judges_and_writes(tmp_path, monkeypatch, capsys):
     runs = np.stack([record(seed, 0.0, frames=20) for seed in (1, 2)])
     np.savez(tmp_path / "runs.npz", markers=runs, rate=RATE)
