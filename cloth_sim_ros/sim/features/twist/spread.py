@@ -63,6 +63,18 @@ def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
     return rest_turn(s.rest_turns[k], s.twisted[k].carried + s.twisted[k + 1].carried, before + after, angle)
 
 
+@wp.func
+def resisted(turn: wp.vec3, spin: float, before: wp.vec3, after: wp.vec3) -> wp.vec3:
+    """The turn of a joint a substep ago, as its segments have turned about themselves since, by `spin` in sum."""
+    return turn + wp.cross(0.25 * spin * (before + after), turn)
+
+
+@wp.func
+def rigidity_of(k: int, ctx: Context) -> float:
+    """Stiffness [N m] in bending of the joint between segments k and k + 1."""
+    return 1.0 / wp.max(ctx.material.compliance[2] * ctx.model.joints[k][1], 1.0e-30)
+
+
 def make_spread(tangent_at, tangent_before):
     """Return a Warp function that finds the angles of the material; tangents are those of twist.py."""
 
@@ -88,13 +100,11 @@ def make_spread(tangent_at, tangent_before):
             bend = bend_at(j, before, after, ctx)
             if gamma > 0.0:
                 was_after = tangent_before(j + 1, ctx)
-                turn = was_after - was
                 # A clamp turned its segment already.
                 ahead = wp.where(j == 0, -start, 0.0) + wp.where(j == last - 1, angle - end, 0.0)
-                bend += gamma * (turn + wp.cross(0.25 * ahead * (before + after), turn))
+                bend += gamma * resisted(was_after - was, ahead, before, after)
                 was = was_after
-            joint = ctx.model.joints[k]
-            rigidity = 1.0 / wp.max(ctx.material.compliance[2] * joint[1], 1.0e-30)
+            rigidity = rigidity_of(k, ctx)
             # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
@@ -123,8 +133,18 @@ def make_spread(tangent_at, tangent_before):
     return spread
 
 
-def make_bend_joints(tangent_at):
-    """Return a Warp function that stores what the twist does to all joints; `tangent_at` is that of twist.py."""
+def make_bend_joints(tangent_at, tangent_before):
+    """Return a Warp function that stores what the twist does to all joints; tangents are those of twist.py."""
+
+    @wp.func
+    def half_torque(j: int, before: wp.vec3, after: wp.vec3, gamma: float, ctx: Context) -> float:
+        """Half of the torque [N m] about the rope with which the bend of joint j turns its material, and a clamp."""
+        s, k = ctx.state.twist, ctx.body.segments + j
+        bend = s.bends[k]
+        if gamma > 0.0:
+            turn = tangent_before(j + 1, ctx) - tangent_before(j, ctx)
+            bend += gamma * resisted(turn, s.twisted[k].row[0] + s.twisted[k + 1].row[0], before, after)
+        return 0.5 * rigidity_of(k, ctx) * wp.dot(wp.cross(before, after), bend)
 
     @wp.func
     def bend_joints(twist: Twist, gamma: float, ctx: Context) -> Twist:
@@ -144,11 +164,12 @@ def make_bend_joints(tangent_at):
                     angle += gamma * (angle - twist_before(k, s))
                 moment = stiffness_of(j, ctx) * angle
             s.twisted[k].couple = moment * half_binormal(before, after)
-            if j == 0:
-                twist.start_moment = moment
-            else:
+            if j > 0:
                 length += ctx.model.segment_length[k]
-            twist.end_moment = moment
+            if twist.known == 1 and j == 0:
+                twist.start_moment = moment - half_torque(j, before, after, gamma, ctx)
+            if twist.known == 1 and j == last - 1:
+                twist.end_moment = moment + half_torque(j, before, after, gamma, ctx)
             before = after
         twist.moment = wp.where(twist.known == 1, twist.angle / (length * ctx.material.compliance[1]), 0.0)
         return twist

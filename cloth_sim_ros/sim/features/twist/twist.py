@@ -155,7 +155,7 @@ def make_find_twist(order: int, handles: bool):
     """
     tangent_at, tangent_before = make_tangents(order)
     twist_anew = _make_twist_anew(tangent_at, tangent_before, handles)
-    spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at)
+    spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at, tangent_before)
 
     @wp.func
     def find_twist(ctx: Context):
