@@ -128,8 +128,9 @@ def test_a_clamp_that_points_off_its_markers_is_found():
     units = (np.log([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0]) - low) / (high - low)
     before = mean_error(candidates.off(units[None]))
     units = fit_shape(candidates, units)[0]
-    at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)  # of which bends nearby take a part
-    assert at_start > 3.0 * at_end and 0.05 < at_start < 0.16
+    at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)
+    # Bends nearby take a part, and shapes are found before lags at the start.
+    assert at_start > 1.5 * at_end and 0.05 < at_start < 0.16
     assert mean_error(candidates.off(units[None])) < 0.2 * before
 
 
