@@ -11,6 +11,7 @@ import warp as wp
 from scipy.interpolate import CubicSpline
 
 from cloth_sim_ros.identify.cable import Cable
+from cloth_sim_ros.identify.cable_lag import lags as guessed_lags
 from cloth_sim_ros.identify.cable_shape import (
     as_numbers,
     fit_shape,
@@ -34,6 +35,8 @@ _CORRECTIONS = 2  # of positions and velocities at the start
 _LONGER = 5.0e-3  # share of a length, by which slopes are found
 _ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
 _LIGHTER = 5.0  # factor within which the mass lies around that of the given density
+_LAGS = 4  # waves along the cable in which its material may lag behind its balance as a run begins
+_LAG = 0.2  # usual size of each [rad]
 _SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBUST
 # Bounds of what is found: rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
 # momentum [1/s]; torsional rigidity over mass per length [m^4/s^2].
@@ -75,7 +78,8 @@ class CableCandidates:
 
     together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
     `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
-    shaped: whether its bends at rest and the offsets of its markers are found.
+    shaped: whether its bends at rest and the offsets of its markers are found. lags (R, _LAGS): waves [rad] in which
+    the material of each run lags at the start beyond what is guessed.
     until: how many of them are looked at. count: of numbers that are compared. alike: of those that an
     error of the model makes the same, which it does for about the time in which the cable swings. Raises ValueError for
     bad runs.
@@ -120,6 +124,7 @@ class CableCandidates:
         self._turned = {m: self._turns(m) for m in cable.held_markers}
         self._headings = headings(self._tangents(0)[:, 0])
         self.near = 0.1 if shaped else 1e-4  # see Candidates; a shape changes all numbers
+        self.lags = np.zeros((len(self._seen), _LAGS))
         self._noise: np.ndarray | None = None
         self._kept: list[np.ndarray] | None = None
         self._make(together)
@@ -138,6 +143,9 @@ class CableCandidates:
         self.sim = Simulation(scene, settings, self._device, worlds=runs * together)
         begin = [self.markers.start(run, self.first) for run in range(runs)]
         self._begin = np.tile(np.stack(begin, axis=1), (1, together, 1, 1))
+        middles = 0.5 * (self.cable.places[1:] + self.cable.places[:-1])
+        share = np.clip((middles - middles[0]) / (middles[-1] - middles[0]), 0.0, 1.0)
+        self._waves = np.sin(math.pi * np.arange(1, _LAGS + 1)[:, None] * share)
         self._turns_between = np.array([turn_between(self._along(each[0], axis=0)) for each in begin])
 
     @property
@@ -208,22 +216,24 @@ class CableCandidates:
         return places[[self.squares(places)[:, -1].argmin()]]
 
     def refine(self, ends: list[np.ndarray]) -> np.ndarray:
-        """Find the cable's shape, if it is `shaped`, near each of good candidates (P,), and return the best with it.
+        """Find the cable's shape, if it is `shaped`, and `lags`, near each of good candidates (P,); return the best.
 
-        From now on, what noise at the start and in lengths does counts less in residuals. Residuals are whitened by
-        their covariance (generalised least squares, Aitken 1935). It has noise at each marker, and what this noise
-        does to starts and lengths. Lengths between markers are corrected before by what splines through the
-        candidate's markers miss of its own.
+        From now on, what noise at the start and in lengths does counts less in residuals, and so do lags of the
+        material at the start. Residuals are whitened by their covariance (generalised least squares, Aitken 1935). It
+        has noise at each marker, and what this noise does to starts and lengths. Lengths between markers are corrected
+        before by what splines through the candidate's markers miss of its own.
         """
         units, seen = self._best(ends), self._seen[:, self.first :]
         off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self.markers.count]
         was, now = (Markers(list(rows), self.markers.rate).lengths() for rows in (seen, seen + off))
         self._lengthen(was - now, self.worlds)
-        still, noise = self.off(units[None])[0], self.markers.noise(self.free)
-        slopes = [self._by_starts(units, noise, still), self._by_lengths(units, noise, still)]
-        slopes = np.nan_to_num(np.concatenate(slopes))
-        slopes = slopes.transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
-        shapes, sizes, _ = np.linalg.svd(slopes / np.sqrt(np.nanmean(off**2)), full_matrices=False)
+        still, noise, usual = self.off(units[None])[0], self.markers.noise(self.free), np.sqrt(np.nanmean(off**2))
+        by_lags = self.off(np.tile(units, (_LAGS, 1)), lags=_LAG * np.eye(_LAGS)) - still
+        for run, (rows, left) in enumerate(zip(self._a_run(by_lags), self._a_run(still[None])[..., 0], strict=True)):
+            self.lags[run] = -_LAG * np.linalg.solve(rows.T @ rows + usual**2 * np.eye(_LAGS), rows.T @ left)
+        still = self.off(units[None])[0]
+        slopes = np.concatenate([self._by_starts(units, noise, still), self._by_lengths(units, noise, still), by_lags])
+        shapes, sizes, _ = np.linalg.svd(self._a_run(slopes) / usual, full_matrices=False)
         self._noise = shapes * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes**2))[:, None]
         return units
 
@@ -241,6 +251,10 @@ class CableCandidates:
     def _lengthen(self, more: np.ndarray, together: int) -> None:
         self.cable = dataclasses.replace(self.cable, lengths=self.cable.lengths + more)
         self._make(together)
+
+    def _a_run(self, slopes: np.ndarray) -> np.ndarray:
+        """(R, n, K) of changes (K, until, R, M, 3) of `off`."""
+        return np.nan_to_num(slopes).transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
 
     def _by_starts(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
         """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
@@ -267,18 +281,25 @@ class CableCandidates:
         """Values of what is sought, from places (K, P) between its bounds."""
         return values_of(self.sought, units)
 
-    def off(self, units: np.ndarray, moves: np.ndarray | None = None, shapes: np.ndarray | None = None) -> np.ndarray:
+    def off(
+        self,
+        units: np.ndarray,
+        moves: np.ndarray | None = None,
+        shapes: np.ndarray | None = None,
+        lags: np.ndarray | None = None,
+    ) -> np.ndarray:
         """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
 
         Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
 
         moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
-        shapes (K, S): what is added to the `shape`.
+        shapes (K, S): what is added to the `shape`. lags (K, _LAGS): what is added to `lags` of all runs [rad].
         """
         shapes = np.zeros((len(units), 1)) if shapes is None else shapes
         moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
+        lags = np.zeros((len(units), 1)) if lags is None else lags
         parts = [slice(k, k + self.worlds) for k in range(0, len(units), self.worlds)]
-        return np.concatenate([self._run(units[part], moves[part], shapes[part]) for part in parts])
+        return np.concatenate([self._run(units[part], moves[part], shapes[part], lags[part]) for part in parts])
 
     def off_and_beside(self, units: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As `off`; (until, R, M, 3, 2) changes of the first candidate's by the two offsets of each marker."""
@@ -318,7 +339,7 @@ class CableCandidates:
         self.sim.set("solver.substeps", substeps)
         return ((fine - coarse) / 0.75)[None]
 
-    def _run(self, units: np.ndarray, moves: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+    def _run(self, units: np.ndarray, moves: np.ndarray, shapes: np.ndarray, lags: np.ndarray) -> np.ndarray:
         """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
         runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
         values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
@@ -332,7 +353,8 @@ class CableCandidates:
         rest = self.cable.rest_turns(bends)
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
-        self._begin_well(moves)
+        self._more_lags = (self.lags + lags[filled][:, None]).reshape(-1, _LAGS) @ self._waves
+        self._begin_well(moves, np.repeat([1.0 / values[:, 0], 1.0 / values[:, 3], values[:, 1]], runs, axis=1))
         found = []
         for frame in range(self.first, self.first + self.until):
             off = [self._step(frame)] + ([] if self._forces is None else [self._pulls(frame)])
@@ -340,19 +362,21 @@ class CableCandidates:
         found = np.stack(found, axis=1)
         return found[: len(units)]
 
-    def _begin_well(self, moves: np.ndarray) -> None:
+    def _begin_well(self, moves: np.ndarray, numbers: np.ndarray) -> None:
         """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
 
-        moves (2, worlds, M, 3) are added to these. A line through the distances in these frames corrects both, as if
-        markers moved freely; so it is done again.
+        moves (2, worlds, M, 3) are added to these. numbers (3, worlds) are those of cable_lag.lags. A line through the
+        distances in these frames corrects both, as if markers moved freely; so it is done again.
         """
         begin, times = self._begin, np.arange(self.first) / self.markers.rate
         for correction in range(_CORRECTIONS + 1):
             if correction == _CORRECTIONS:
                 begin = begin + moves
             self._hold(0, sweep=False)
-            for part, what in zip(begin, ("positions", "velocities"), strict=True):
-                self.sim.write(NAME, what, self._along(part, axis=1).astype(np.float32))
+            x, v = (self._along(part, axis=1) for part in begin)
+            self.sim.write(NAME, "positions", x.astype(np.float32))
+            self.sim.write(NAME, "velocities", v.astype(np.float32))
+            self.sim.write(NAME, "lags", guessed_lags(x, v, numbers) + self._more_lags)
             off = [self._step(frame) for frame in range(1, self.first)]
             off = [begin[0] + self._beside() - np.tile(self._seen[:, 0], (self.worlds, 1, 1)), *off]
             if correction < _CORRECTIONS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import math
 import sys
 from pathlib import Path
 
@@ -42,6 +43,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--markers", help="topics of a bag with markers, in their order along the cable", **topics)
     parser.add_argument("--wrench", help="topics of a bag with forces on the hand at the start, to be added", **topics)
     parser.add_argument("--frame", default="", help="of tf, with z up (that of the first markers)")
+    parser.add_argument(
+        "--begin", type=float, default=0.0, help="what is used of each recording [s], from its start (0)"
+    )
+    parser.add_argument("--end", type=float, default=math.inf, help="until when it is used [s] (its end)")
     parser.add_argument("--held", type=int, default=2, help="markers at each end that follow the recording (2)")
     parser.add_argument("--start", type=int, default=2, help="frames that give positions and velocities at first (2)")
     parser.add_argument("--density", type=float, default=0.1, help="mass of the cable over its length [kg/m] (0.1)")
@@ -63,8 +68,9 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
     Returns name -> (F, R, M, 3) by how much markers of the judged runs are off [m]: "fitted", "hold" and "blend".
     """
     topics = CableTopics(arguments.markers, arguments.wrench, arguments.frame)
-    fitted = Markers.read(arguments.recordings, topics)
-    judged = Markers.read(arguments.judge, topics) if arguments.judge else None
+    span = arguments.begin, arguments.end
+    fitted = Markers.read(arguments.recordings, topics, *span)
+    judged = Markers.read(arguments.judge, topics, *span) if arguments.judge else None
     if judged is None:
         fitted, judged = fitted.split(_HELD_OUT)
     if fitted.forces is not None and judged.forces is None:

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from cloth_sim_ros.identify.cable_bag import CableTopics
 
+_FEWEST = 10  # frames of a run
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
 _DIFFERENCES = 6  # order of differences in time in which noise is seen
 _MEDIAN = 0.6745  # median of the distance of normal noise from its mean, in standard deviations
@@ -37,8 +38,13 @@ class Markers:
     forces: list[np.ndarray] | None = None
 
     @staticmethod
-    def read(paths: Sequence[Path], topics: CableTopics = CableTopics()) -> Markers:  # noqa: B008 (frozen)
-        """Read files of runs, or bags by their `topics`.
+    def read(
+        paths: Sequence[Path],
+        topics: CableTopics = CableTopics(),  # noqa: B008 (frozen)
+        begin: float = 0.0,
+        end: float = math.inf,
+    ) -> Markers:
+        """Read files of runs, or bags by their `topics`: of each what lies from `begin` to `end` [s] after its start.
 
         Raises ValueError in one sentence for what cannot be read, or does not belong together.
 
@@ -47,7 +53,7 @@ class Markers:
         each marker, and at most one line of names above them. Forces at the start's hand [N] are an array `forces`, of
         the shape of one marker, or three last columns whose names are fx, fy, fz.
         """
-        found = [(path, _read(path, topics)) for path in paths]
+        found = [(path, _cut(path, _read(path, topics), begin, end)) for path in paths]
         if not found:
             raise ValueError("no recording is given; allowed are .npz and .csv files of markers, and bags")
         first, (runs, rate, forces) = found[0]
@@ -162,7 +168,23 @@ def _along(frame: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(frame, axis=0), axis=1))])
 
 
-def _read(path: Path, topics: CableTopics) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
+_Read = tuple[list[np.ndarray], float, list[np.ndarray] | None]  # runs, frames a second, and forces
+
+
+def _cut(path: Path, read: _Read, begin: float, end: float) -> _Read:
+    """What lies between two times [s]."""
+    runs, rate, forces = read
+    span = (len(runs[0]) - 1) / rate
+    if not 0.0 <= begin or not (min(end, span) - begin) * rate >= _FEWEST - 1 - _UNEVEN:
+        raise ValueError(
+            f"--begin is {begin:g} and --end {end:g} of {path}, which lasts {span:.3g} s; "
+            f"allowed are times with {_FEWEST} frames between them"
+        )
+    kept = slice(math.ceil(begin * rate - _UNEVEN), math.floor(min(end, span) * rate + _UNEVEN) + 1)
+    return [run[kept] for run in runs], rate, forces and [each[kept] for each in forces]
+
+
+def _read(path: Path, topics: CableTopics) -> _Read:
     if path.is_dir():
         run, rate, forces = topics.read(path)
         return _checked([run], rate, path, None if forces is None else [forces])
@@ -171,7 +193,7 @@ def _read(path: Path, topics: CableTopics) -> tuple[list[np.ndarray], float, lis
     return _read_npz(path) if path.suffix == ".npz" else _read_csv(path)
 
 
-def _read_npz(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
+def _read_npz(path: Path) -> _Read:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
@@ -193,7 +215,7 @@ def _read_npz(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | N
     return _checked(runs, rate, path, forces)
 
 
-def _read_csv(path: Path) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
+def _read_csv(path: Path) -> _Read:
     try:
         with path.open() as file:
             names = [name.strip() for name in file.readline().split(",")]
@@ -216,12 +238,10 @@ def _rate_of(times: np.ndarray, path: Path) -> float:
     return 1.0 / float(steps.mean())
 
 
-def _checked(
-    runs: list[np.ndarray], rate: float, path: Path, forces: list[np.ndarray] | None
-) -> tuple[list[np.ndarray], float, list[np.ndarray] | None]:
+def _checked(runs: list[np.ndarray], rate: float, path: Path, forces: list[np.ndarray] | None) -> _Read:
     if not 1.0 <= rate <= 1e4:
         raise ValueError(f"{path} has {rate:g} frames a second; allowed are 1 to 10000")
     frames, count = runs[0].shape[:2]
-    if frames < 10 or count < 4:
-        raise ValueError(f"{path} has {frames} frames of {count} markers; allowed are at least 10 of 4")
+    if frames < _FEWEST or count < 4:
+        raise ValueError(f"{path} has {frames} frames of {count} markers; allowed are at least {_FEWEST} of 4")
     return runs, rate, forces

@@ -61,7 +61,7 @@ def taken(bag: Topics, frames: Transforms, ours: str, topic: str, takes: Mapping
     known, place = frames.place(frame, ours or frame, stamps)
     if not known.any():
         raise ValueError(
-            f"{bag.path} has transforms between '{frame}' of {topic} and '{ours}' of the scene at other times only; "
+            f"{bag.path} has transforms between '{frame}' of {topic} and '{ours}' at other times only; "
             "allowed are messages between the first of them and the last"
         )
     return Taken(topic, frame, {stamp: rows[stamp] for stamp in stamps[known].tolist()}, place, count)

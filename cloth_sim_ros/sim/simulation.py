@@ -438,7 +438,9 @@ class Simulation:
             name: The object, collider or handle.
             what: "positions" [m] or "velocities" [m/s] (worlds, N, 3) of an object, or "pose" (worlds, 7) of any. The
                 "pose" of an object places its rest shape there, at rest. "rest_turns" [-] (worlds, N - 2, 2) of a rope
-                that resists twist: the turn of each joint at rest, along its two directors.
+                that resists twist: the turn of each joint at rest, along its two directors. "lags" [rad] (worlds,
+                N - 1) of one, after positions and velocities: by what its segments are turned about themselves beyond
+                their balance as the motion begins, if clamps hold both ends.
             array: An array of NumPy or Warp, or any that DLPack takes; its first axis is all worlds.
             mask: (worlds,) of bool, the worlds to write; None writes all.
             sweep: If True, a collider or handle reaches the pose at the end of the next frame. If False, it is there

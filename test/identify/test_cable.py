@@ -71,12 +71,12 @@ def fitted(runs, start=4):
 
 @pytest.mark.long
 def test_numbers_come_back_from_a_start_in_motion():
-    """Markers do not tell how far the material lags behind its balance at the start: damping and GJ stand for that."""
+    """Markers do not tell how far the material lags behind its balance at the start, so that this is found as well."""
     candidates, found = fitted([record(1, 0.0), record(2, 0.0)])
-    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.03)
-    assert found.values[1] == pytest.approx(BEND_DAMPING, rel=0.08)
-    assert found.values[2] == pytest.approx(DRAG, rel=0.05)
-    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.2)
+    assert 1.0 / found.values[0] == pytest.approx(EI, rel=0.01)
+    assert found.values[1] == pytest.approx(BEND_DAMPING, rel=0.03)
+    assert found.values[2] == pytest.approx(DRAG, rel=0.03)
+    assert 1.0 / found.values[3] == pytest.approx(GJ, rel=0.05)
     off = candidates.off(found.units[None])[0]
     assert mean_error(off) < 1e-3 < 0.1 * mean_error(guesses(Markers([record(1, 0.0)], RATE), 2)["blend"])
 
@@ -87,7 +87,7 @@ def test_noise_is_borne_and_told():
     _, found = fitted([record(3, 2e-3), record(4, 2e-3)])
     truth = np.array([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0])
     assert found.values == pytest.approx(truth, rel=0.08)
-    assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.3 * found.low).all()
+    assert (found.low < truth).all() and (truth < found.high).all() and (found.high < 1.35 * found.low).all()
 
 
 @pytest.mark.long
@@ -128,8 +128,9 @@ def test_a_clamp_that_points_off_its_markers_is_found():
     units = (np.log([1.0 / EI, BEND_DAMPING, DRAG, 1.0 / GJ, 1.0]) - low) / (high - low)
     before = mean_error(candidates.off(units[None]))
     units = fit_shape(candidates, units)[0]
-    at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)  # of which bends nearby take a part
-    assert at_start > 3.0 * at_end and 0.05 < at_start < 0.16
+    at_start, at_end = np.linalg.norm(candidates.cable.bends[PLACES:], axis=1)
+    # Bends nearby take a part, and shapes are found before lags at the start.
+    assert at_start > 1.5 * at_end and 0.05 < at_start < 0.16
     assert mean_error(candidates.off(units[None])) < 0.2 * before
 
 
@@ -173,6 +174,17 @@ def test_files_are_read_and_refused_in_one_sentence(tmp_path):
             Markers.read([tmp_path / name])
     with pytest.raises(ValueError, match="one run"):
         Markers([run], RATE).split(5)
+
+
+def test_a_part_of_each_recording_is_used(tmp_path):
+    run = record(1, 0.0, frames=30, before=1)
+    np.savez(tmp_path / "a.npz", markers=run, rate=RATE, forces=run[:, 0])
+    part = Markers.read([tmp_path / "a.npz"], begin=5 / RATE, end=20 / RATE)
+    assert part.runs[0] == pytest.approx(run[5:21]) and part.forces[0] == pytest.approx(run[5:21, 0])
+    assert Markers.read([tmp_path / "a.npz"], begin=4.5 / RATE).runs[0] == pytest.approx(run[5:])
+    for span in ((-0.1, 1.0), (0.4, np.inf), (0.2, 0.3), (np.nan, 1.0)):
+        with pytest.raises(ValueError, match="--begin is .*which lasts 0.483 s; allowed are times with 10 frames"):
+            Markers.read([tmp_path / "a.npz"], CableTopics(), *span)
 
 
 def test_the_command_fits_judges_and_writes(tmp_path, monkeypatch, capsys):

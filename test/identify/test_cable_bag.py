@@ -157,6 +157,11 @@ PULLS = np.ones((12, 3))
             "the topics in BAG have no time in common; allowed are stamps of one clock",
         ),
         (
+            [*COMMAND, "--begin", "0.1"],
+            {},
+            "--begin is 0.1 and --end inf of BAG, which lasts 0.183 s; allowed are times with 10 frames between them",
+        ),
+        (
             ["--markers", "/far"],
             {"/far": [array(START + 1e6 * k, "world", RUN[0]) for k in range(2)]},
             "stamps in BAG are 1000000 s apart; allowed are at most 3600 s",

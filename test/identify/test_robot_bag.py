@@ -232,7 +232,7 @@ STILL = Rotation.identity()
         (
             SEEN,
             {"/hand": [pose(START + LATER + k, "rover", [0, 0, 0], STILL) for k in range(2)]},
-            "BAG has transforms between 'rover' of /hand and 'map' of the scene at other times only; allowed are",
+            "BAG has transforms between 'rover' of /hand and 'map' at other times only; allowed are",
         ),
         (
             SEEN,

@@ -101,15 +101,21 @@ class Ropes:
             write_winch(batch, name, thing.winch)
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
-            self.write_rest_turns(name, self._bodies.topology(name).rest_turns, None)
+            self.write_turns(name, "rest_turns", self._bodies.topology(name).rest_turns, None)
 
-    def write_rest_turns(self, name: str, turns: np.ndarray, mask: Any) -> None:
-        """Write turns at rest (S - 1, 2) [-] of the joints of a rope, or a row a world; see Simulation.write."""
+    def write_turns(self, name: str, what: str, turns: np.ndarray, mask: Any) -> None:
+        """Write "rest_turns" (S - 1, 2) [-] or "lags" (S,) [rad] of a rope, or a row a world; see Simulation.write."""
+        if not np.isfinite(turns).all():
+            raise ValueError(f"{name} {what} hold a number that is not finite; allowed are finite numbers")
         batch = self._bodies.batch[name]
-        part = batch.part("rest_turns", batch.segments(name), None)
+        part = batch.part("rest_turns" if what == "rest_turns" else "twisted", batch.segments(name), None)
         rows = part.numpy()
+        # What lags goes to where the material was a substep before, as none lies behind.
+        into = rows if what == "rest_turns" else rows["couple"][..., 0]
         some = slice(None) if mask is None else self._bodies.some(mask)
-        rows[some, :-1] = np.broadcast_to(turns, (len(rows), *np.shape(turns)[-2:]))[some]
+        into[some, : np.shape(turns)[1 - into.ndim]] = np.broadcast_to(
+            turns, (len(rows), *np.shape(turns)[1 - into.ndim :])
+        )[some]
         part.assign(rows)
 
     def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:

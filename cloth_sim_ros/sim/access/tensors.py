@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.scene.objects import Rope
 
 _MOST = {"positions": 1e6, "velocities": 1e6}  # largest number that can be written [m], [m/s]
 _OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
+_OF_TWIST = ("rest_turns", "lags")
 
 
 @compiled
@@ -88,9 +89,10 @@ class Tensors:
             poses = self._shaped(_numbers, array, name, what, (7,))
             motions.reach(row, some, name, (poses[:, :3], poses[:, 3:]), sweep)
             return
-        if what == "rest_turns" and getattr(self._bodies.scene.objects[name], "twist_compliance", None) is not None:
+        if what in _OF_TWIST and getattr(self._bodies.scene.objects[name], "twist_compliance", None) is not None:
             joints = len(self._bodies.topology(name).rest_turns)
-            self._ropes.write_rest_turns(name, self._shaped(_numbers, array, name, what, (joints, 2)), mask)
+            shape = (joints, 2) if what == "rest_turns" else (joints + 1,)
+            self._ropes.write_turns(name, what, self._shaped(_numbers, array, name, what, shape), mask)
             return
         _check_word(name, what, (*_MOST, "pose"))
         if what == "pose":

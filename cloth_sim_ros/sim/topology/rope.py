@@ -97,11 +97,11 @@ def directors(tangents: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Unit vectors `first` (..., 3) across the first of `tangents` (..., S, 3), carried to all without twist."""
     found = np.empty_like(tangents)
     found[..., 0, :] = u = first
+    before, after = tangents[..., :-1, :], tangents[..., 1:, :]
+    # What is across one tangent turns as little as takes that to the next by losing a share of their sum.
+    sums = (before + after) / np.maximum(1.0 + (before * after).sum(axis=-1, keepdims=True), 1e-2)
     for k in range(1, tangents.shape[-2]):
-        before, after = tangents[..., k - 1, :], tangents[..., k, :]
-        axis, cosine = np.cross(before, after), (before * after).sum(axis=-1, keepdims=True)
-        along = (axis * u).sum(axis=-1, keepdims=True) / np.maximum(1.0 + cosine, 1e-2)
-        found[..., k, :] = u = cosine * u + np.cross(axis, u) + along * axis
+        found[..., k, :] = u = u - (u * tangents[..., k, :]).sum(axis=-1, keepdims=True) * sums[..., k - 1, :]
     return found
 
 

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.features.twist.arrays import Twist, TwistState
 from cloth_sim_ros.sim.physics.twist import half_binormal, rest_turn
 
 # Angles of the material are known as order 2 extrapolates it to the end of the substep, or LATE, as it begins. If they
-# FOLLOW those of the last substep, they tell how the material turned; those behind late ones turned for two substeps.
+# FOLLOW those of the last substep, they tell how the material turns; those AHEAD of late ones turned for two substeps.
 FOLLOW = wp.constant(1.0)
 AHEAD = wp.constant(0.0)
 LATE = wp.constant(-1.0)
@@ -29,15 +29,30 @@ def stiffness_of(j: int, ctx: Context) -> float:
 
 
 @wp.func
-def gamma_of(ctx: Context) -> float:
-    """Time of the dashpots over the substep, whose rates are of first order here."""
-    return ctx.material.bend_damping * ctx.step.inverse * wp.where(ctx.step.second, 2.0 / 3.0, 1.0)
+def gamma_of(late: bool, ctx: Context) -> float:
+    """Time of the dashpots over that since the angles were last known, `late` or not; rates are of first order here."""
+    share = wp.where(ctx.step.second, wp.where(late, 1.0 / 3.0, 2.0 / 3.0), 1.0)
+    return ctx.material.bend_damping * ctx.step.inverse * share
 
 
 @wp.func
 def twist_before(k: int, s: TwistState) -> float:
     """Twist between two segments in the last substep [rad], from what `carry` of twist.py left."""
     return s.twisted[k + 1].couple[0] - s.twisted[k].couple[0]
+
+
+@wp.func
+def were_late(ctx: Context) -> bool:
+    """Return True if the last substep left the angles as they were when it began."""
+    return ctx.state.twist.twisted[ctx.body.segments + ctx.body.count - 2].row[1] == LATE
+
+
+@wp.func
+def lag(ctx: Context):
+    """Turn the material from its balance by what was written, as a motion begins."""
+    s = ctx.state.twist
+    for k in range(ctx.body.segments + 1, ctx.body.segments + ctx.body.count - 2):
+        s.twisted[k].angle += s.twisted[k].couple[0]
 
 
 @wp.func
@@ -48,23 +63,32 @@ def bend_at(j: int, before: wp.vec3, after: wp.vec3, ctx: Context) -> wp.vec3:
     return rest_turn(s.rest_turns[k], s.twisted[k].carried + s.twisted[k + 1].carried, before + after, angle)
 
 
+@wp.func
+def resisted(turn: wp.vec3, spin: float, before: wp.vec3, after: wp.vec3) -> wp.vec3:
+    """The turn of a joint a substep ago, as its segments have turned about themselves since, by `spin` in sum."""
+    return turn + wp.cross(0.25 * spin * (before + after), turn)
+
+
+@wp.func
+def rigidity_of(k: int, ctx: Context) -> float:
+    """Stiffness [N m] in bending of the joint between segments k and k + 1."""
+    return 1.0 / wp.max(ctx.material.compliance[2] * ctx.model.joints[k][1], 1.0e-30)
+
+
 def make_spread(tangent_at, tangent_before):
     """Return a Warp function that finds the angles of the material; tangents are those of twist.py."""
 
     @wp.func
-    def spread(angle: float, follows: bool, ctx: Context):
+    def spread(angle: float, gamma: float, how: float, ctx: Context):
         """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm.
 
-        If it `follows` the last substep, dashpots resist its turning. Each row ends as the angle by which its segment
-        turned about itself since then, and FOLLOW, AHEAD or LATE.
+        Dashpots resist its turning by `gamma`, see gamma_of. Each row ends as the angle by which its segment turned
+        about itself since angles were last known, and `how`: FOLLOW, AHEAD or LATE.
         """
         s, first, last = ctx.state.twist, ctx.body.segments, ctx.body.count - 2
-        gamma, was = float(0.0), wp.vec3(0.0)
+        was = wp.vec3(0.0)
         start, end = float(s.twisted[first].angle), float(s.twisted[first + last].angle)  # before they are written
-        how = wp.where(ctx.step.second, AHEAD, LATE)
-        if follows:
-            how = FOLLOW
-            gamma = gamma_of(ctx)
+        if gamma > 0.0:
             was = tangent_before(0, ctx)
         s.twisted[first].angle = 0.0
         s.twisted[first + last].angle = angle
@@ -74,21 +98,19 @@ def make_spread(tangent_at, tangent_before):
             k = first + j
             after = tangent_at(j + 1, ctx)
             bend = bend_at(j, before, after, ctx)
-            if follows:
+            if gamma > 0.0:
                 was_after = tangent_before(j + 1, ctx)
-                turn = was_after - was
                 # A clamp turned its segment already.
                 ahead = wp.where(j == 0, -start, 0.0) + wp.where(j == last - 1, angle - end, 0.0)
-                bend += gamma * (turn + wp.cross(0.25 * ahead * (before + after), turn))
+                bend += gamma * resisted(was_after - was, ahead, before, after)
                 was = was_after
-            joint = ctx.model.joints[k]
-            rigidity = 1.0 / wp.max(ctx.material.compliance[2] * joint[1], 1.0e-30)
+            rigidity = rigidity_of(k, ctx)
             # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
             stiff_after = stiffness_of(j, ctx) * (1.0 + gamma)
             twisted = s.twisted[k + 1].angle - s.twisted[k].angle
-            if follows:
+            if gamma > 0.0:
                 twisted -= gamma / (1.0 + gamma) * twist_before(k, s)
             moment_after = stiff_after * twisted
             if j > 0:
@@ -111,11 +133,21 @@ def make_spread(tangent_at, tangent_before):
     return spread
 
 
-def make_bend_joints(tangent_at):
-    """Return a Warp function that stores what the twist does to all joints; `tangent_at` is that of twist.py."""
+def make_bend_joints(tangent_at, tangent_before):
+    """Return a Warp function that stores what the twist does to all joints; tangents are those of twist.py."""
 
     @wp.func
-    def bend_joints(twist: Twist, follows: bool, ctx: Context) -> Twist:
+    def half_torque(j: int, before: wp.vec3, after: wp.vec3, gamma: float, ctx: Context) -> float:
+        """Half of the torque [N m] about the rope with which the bend of joint j turns its material, and a clamp."""
+        s, k = ctx.state.twist, ctx.body.segments + j
+        bend = s.bends[k]
+        if gamma > 0.0:
+            turn = tangent_before(j + 1, ctx) - tangent_before(j, ctx)
+            bend += gamma * resisted(turn, s.twisted[k].row[0] + s.twisted[k + 1].row[0], before, after)
+        return 0.5 * rigidity_of(k, ctx) * wp.dot(wp.cross(before, after), bend)
+
+    @wp.func
+    def bend_joints(twist: Twist, gamma: float, ctx: Context) -> Twist:
         """Store the couples and bends of all joints, and return the twist with its moments."""
         s, last = ctx.state.twist, ctx.body.count - 2
         before, length = tangent_at(0, ctx), float(0.0)
@@ -128,15 +160,16 @@ def make_bend_joints(tangent_at):
             moment = float(0.0)
             if twist.known == 1:
                 angle = s.twisted[k + 1].angle - s.twisted[k].angle
-                if follows:
-                    angle += gamma_of(ctx) * (angle - twist_before(k, s))
+                if gamma > 0.0:
+                    angle += gamma * (angle - twist_before(k, s))
                 moment = stiffness_of(j, ctx) * angle
             s.twisted[k].couple = moment * half_binormal(before, after)
-            if j == 0:
-                twist.start_moment = moment
-            else:
+            if j > 0:
                 length += ctx.model.segment_length[k]
-            twist.end_moment = moment
+            if twist.known == 1 and j == 0:
+                twist.start_moment = moment - half_torque(j, before, after, gamma, ctx)
+            if twist.known == 1 and j == last - 1:
+                twist.end_moment = moment + half_torque(j, before, after, gamma, ctx)
             before = after
         twist.moment = wp.where(twist.known == 1, twist.angle / (length * ctx.material.compliance[1]), 0.0)
         return twist

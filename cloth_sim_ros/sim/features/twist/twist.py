@@ -16,7 +16,16 @@ from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.twist.arrays import Twist
 from cloth_sim_ros.sim.features.twist.clamps import make_clamps, start_of, without_twist
-from cloth_sim_ros.sim.features.twist.spread import LATE, make_bend_joints, make_spread
+from cloth_sim_ros.sim.features.twist.spread import (
+    AHEAD,
+    FOLLOW,
+    LATE,
+    gamma_of,
+    lag,
+    make_bend_joints,
+    make_spread,
+    were_late,
+)
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, xyz
 from cloth_sim_ros.sim.physics.bending import wrap_angle
 from cloth_sim_ros.sim.physics.twist import FOLDED, angle_about, carried_across, small_angle_about
@@ -49,6 +58,8 @@ def make_tangents(order: int):
         e = edge_of(k, ctx)
         if wp.static(order == 1):
             e -= ctx.step.effective * xyz(load_row(ctx.state.velocities, g + 1) - load_row(ctx.state.velocities, g))
+        elif were_late(ctx):
+            e -= ctx.state.last_displacements[g + 1] - ctx.state.last_displacements[g]
         return wp.normalize(e)
 
     return tangent_at, tangent_before
@@ -144,20 +155,25 @@ def make_find_twist(order: int, handles: bool):
     """
     tangent_at, tangent_before = make_tangents(order)
     twist_anew = _make_twist_anew(tangent_at, tangent_before, handles)
-    spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at)
+    spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at, tangent_before)
 
     @wp.func
     def find_twist(ctx: Context):
         before = ctx.state.twist.twists[ctx.body.index]
         # Dashpots act in the material, if it is known how that turned since the last substep.
         follows = ctx.material.bend_damping > 0.0 and before.known == 1 and before.wanted == before.turned
-        if wp.static(order == 2):
-            follows = follows and ctx.step.second
-            follows = follows and ctx.state.twist.twisted[ctx.body.segments].row[1] != LATE
+        late, gamma, how = were_late(ctx), float(0.0), float(AHEAD)
+        if follows:
+            gamma = gamma_of(late, ctx)
+            how = wp.where(late and ctx.step.second, AHEAD, FOLLOW)
+        if (wp.static(order == 2) or not follows) and not ctx.step.second:
+            how = LATE
         twist = twist_anew(follows, ctx)
         if twist.known == 1:
-            spread(twist.angle, follows, ctx)
-        ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, follows, ctx)
+            spread(twist.angle, gamma, how, ctx)
+            if before.known == 0:
+                lag(ctx)
+        ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, gamma, ctx)
 
     return find_twist
 

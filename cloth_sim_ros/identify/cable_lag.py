@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""By what the material of a cable lags behind its balance as a recording begins, guessed from its motion then."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_sim_ros.sim.topology.rope import across, directors
+
+_LASTED = 0.15  # time for which the motion has been as it is [s], after which it is forgotten
+_LATER = 1.0e-4  # time over which rates are found [s]
+
+
+def lags(points: np.ndarray, velocities: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Angles (W, S) [rad] of the segments of a cable beyond their balance, see Simulation.write.
+
+    points, velocities (W, N, 3) [m, m/s]. numbers (3, W): EI, GJ [N m^2], and the time of the dashpots [s]. Clamps hold
+    the first segment and the last, and turn as little as these do.
+
+    In balance a cable that is straight at rest is twisted evenly. Angles beyond it obey K lag + tau (K + M) lag' = -f.
+    K is the stiffness of twist, and M that of bends against cross-sections that turn about the cable. f is what
+    dashpots do as a material in balance turns. With lag' = lag / _LASTED this is one linear system.
+    """
+    edges = np.diff(points, axis=1)
+    lengths = np.linalg.norm(edges, axis=2)
+    bent, spun, twisting = _rates(edges, np.diff(velocities, axis=1))
+    rigidity, torsion, time = np.reshape(numbers, (3, -1, 1))
+    twisted = lengths.copy()
+    twisted[:, [0, -1]] = 0.0  # in clamps
+    stiff = 2.0 * torsion / (twisted[:, 1:] + twisted[:, :-1])
+    weight = 2.0 * rigidity / (lengths[:, 1:] + lengths[:, :-1])
+    apart = np.diff(np.eye(lengths.shape[1]), axis=0)
+    mean = 0.5 * np.abs(apart)
+    stiffness = np.einsum("ji,wj,jk->wik", apart, stiff, apart)
+    damped = time[..., None] * (stiffness + np.einsum("ji,wj,jk->wik", mean, weight * bent, mean))
+    middles = np.cumsum(twisted, axis=1) - 0.5 * twisted
+    turning = twisting[:, None] * middles / middles[:, -1:]
+    pulls = np.einsum("wik,wk->wi", damped, turning) - time * ((weight * spun) @ mean)
+    found = np.zeros_like(lengths)
+    matrix = (stiffness + damped / _LASTED)[:, 1:-1, 1:-1]
+    found[:, 1:-1] = -np.linalg.solve(matrix, pulls[:, 1:-1, None])[..., 0]
+    return found
+
+
+def _rates(edges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Squared turns (W, J) [-] of all joints, these times the rates [1/s] at which they go about the cable against
+    directors that are carried along from the start, and rates (W,) [1/s] of the twist of it all."""
+    tangents = np.stack([edges, edges + _LATER * rates])
+    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
+    first = np.array([across(t) for t in tangents[0, :, 0]])
+    now = directors(tangents[0], first)
+    later = directors(tangents[1], _across(tangents[1, :, 0], first))
+    carried, turns = np.stack([now, later]), np.diff(tangents, axis=2)
+    one, along = (_unit(rows[:, :, 1:] + rows[:, :, :-1]) for rows in (carried, tangents))
+    x, y = ((turns * each).sum(axis=-1) for each in (one, np.cross(along, one)))
+    end = _across(tangents[1, :, -1], now[:, -1])
+    twisted = (np.cross(later[:, -1], end) * tangents[1, :, -1]).sum(axis=-1)
+    return x[0] ** 2 + y[0] ** 2, (x[0] * y[1] - y[0] * x[1]) / _LATER, twisted / _LATER
+
+
+def _across(tangents: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Unit vectors across tangents (W, 3) that are nearest to others (W, 3)."""
+    return _unit(vectors - (vectors * tangents).sum(axis=-1, keepdims=True) * tangents)
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
