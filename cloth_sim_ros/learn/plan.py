@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 _SHRINKS = 0.95  # the noise, in a round
-_GREED = 8.0
+_GREED = 3.0
 
 
 def mppi(
@@ -25,7 +25,7 @@ def mppi(
 
     In a round every world tries the plan so far with noise of its own, which is linear between `knots`; the noise
     shrinks. The plan then becomes the mean of all that were tried, each weighed by the exponential of its return, in
-    units of an eighth of the deviation of all returns. What varies is drawn anew in every round.
+    units of a third of the deviation of all returns. What varies is drawn anew in every round.
     """
     random, low, high = np.random.default_rng(seed), env.single_action_space.low, env.single_action_space.high
     basis, best = _hats(horizon, knots), []
