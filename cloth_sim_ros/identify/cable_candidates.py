@@ -353,8 +353,8 @@ class CableCandidates:
         rest = self.cable.rest_turns(bends)
         rest = np.einsum("kja,rba->krjb", rest, self._headings)
         sim.write(NAME, "rest_turns", rest.reshape(-1, *rest.shape[2:]))
-        self._more_lags = (self.lags + lags[filled][:, None]).reshape(-1, _LAGS) @ self._waves
-        self._begin_well(moves, np.repeat([1.0 / values[:, 0], 1.0 / values[:, 3], values[:, 1]], runs, axis=1))
+        numbers = np.repeat([1.0 / values[:, 0], 1.0 / values[:, 3], values[:, 1]], runs, axis=1)
+        self._begin_well(moves, numbers, (self.lags + lags[filled][:, None]).reshape(-1, _LAGS) @ self._waves)
         found = []
         for frame in range(self.first, self.first + self.until):
             off = [self._step(frame)] + ([] if self._forces is None else [self._pulls(frame)])
@@ -362,11 +362,12 @@ class CableCandidates:
         found = np.stack(found, axis=1)
         return found[: len(units)]
 
-    def _begin_well(self, moves: np.ndarray, numbers: np.ndarray) -> None:
+    def _begin_well(self, moves: np.ndarray, numbers: np.ndarray, lags: np.ndarray) -> None:
         """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
 
-        moves (2, worlds, M, 3) are added to these. numbers (3, worlds) are those of cable_lag.lags. A line through the
-        distances in these frames corrects both, as if markers moved freely; so it is done again.
+        moves (2, worlds, M, 3) are added to these. numbers (3, worlds) are those of cable_lag.lags, to which `lags`
+        (worlds, S) are added. A line through the distances in these frames corrects both, as if markers moved freely;
+        so it is done again.
         """
         begin, times = self._begin, np.arange(self.first) / self.markers.rate
         for correction in range(_CORRECTIONS + 1):
@@ -376,7 +377,7 @@ class CableCandidates:
             x, v = (self._along(part, axis=1) for part in begin)
             self.sim.write(NAME, "positions", x.astype(np.float32))
             self.sim.write(NAME, "velocities", v.astype(np.float32))
-            self.sim.write(NAME, "lags", guessed_lags(x, v, numbers) + self._more_lags)
+            self.sim.write(NAME, "lags", guessed_lags(x, v, numbers) + lags)
             off = [self._step(frame) for frame in range(1, self.first)]
             off = [begin[0] + self._beside() - np.tile(self._seen[:, 0], (self.worlds, 1, 1)), *off]
             if correction < _CORRECTIONS:

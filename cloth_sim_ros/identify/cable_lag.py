@@ -43,8 +43,10 @@ def lags(points: np.ndarray, velocities: np.ndarray, numbers: np.ndarray) -> np.
 
 
 def _rates(edges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Squared turns (W, J) [-] of all joints, these times the rates [1/s] at which they go about the cable against
-    directors that are carried along from the start, and rates (W,) [1/s] of the twist of it all."""
+    """Squared turns (W, J) [-] of all joints, these times rates [1/s], and rates (W,) [1/s] of the twist of it all.
+
+    The rates in the second are those at which turns go about the cable, against directors carried along from the start.
+    """
     tangents = np.stack([edges, edges + _LATER * rates])
     tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
     first = np.array([across(t) for t in tangents[0, :, 0]])

@@ -113,9 +113,8 @@ class Ropes:
         # What lags goes to where the material was a substep before, as none lies behind.
         into = rows if what == "rest_turns" else rows["couple"][..., 0]
         some = slice(None) if mask is None else self._bodies.some(mask)
-        into[some, : np.shape(turns)[1 - into.ndim]] = np.broadcast_to(
-            turns, (len(rows), *np.shape(turns)[1 - into.ndim :])
-        )[some]
+        shape = np.shape(turns)[1 - into.ndim :]  # of one world
+        into[some, : shape[0]] = np.broadcast_to(turns, (len(rows), *shape))[some]
         part.assign(rows)
 
     def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:

@@ -87,6 +87,16 @@ def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int)
 
 
 @wp.func
+def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int, second: int):
+    """Let body b take `new` substeps of a frame from now on, with its history resampled if it is of second order."""
+    if second > 0:
+        resample_all(t, width, arrays, b, old, new)
+    sync()  # all threads have read what one will write
+    if t == 0:
+        arrays.state.control.substeps[b] = new
+
+
+@wp.func
 def apart(g: int, row: int, s: State, high: wp.array2d(dtype=wp.vec3), lo: wp.array2d(dtype=wp.vec3)) -> float:
     """Squared distance of particle g from where a trial left it [m^2]; then remember where it is now."""
     x, lost = xyz(load_row(s.positions, g)), xyz(load_row(s.position_lo, g))
@@ -133,11 +143,7 @@ def change_substeps(given: wp.array(dtype=Arrays), substeps: int, second: int, b
     if substeps == 0:
         # Contact may have lowered them below the least.
         wanted = wp.where(chosen > 0, wp.clamp(chosen, limits.fewest, limits.most), 0)
-    if second > 0 and chosen > 0:
-        resample_all(t, block, given[w], b, chosen, wanted)
-    sync()  # all threads have read what one will write
-    if t == 0:
-        s.control.substeps[b] = wanted
+    take_substeps(t, block, given[w], b, wp.where(chosen > 0, chosen, wanted), wanted, second)
 
 
 @compiled
@@ -244,10 +250,8 @@ def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
     error = float(n) * size_of(total(part), m.count, limits)
     share = share_of(error, 2.0, n, 1, motion, length, growth, limits)
     better = wp.max(n, chosen(n, share, 2.0, n, afforded(n, s.control.since[b], limits), limits.error))
-    resample_all(t, block, given[w], b, n, better)
-    sync()  # all threads have read what one will write
+    take_substeps(t, block, given[w], b, n, better, 1)
     if t == 0:
-        s.control.substeps[b] = better
         share = wp.max(share, share_of(known[0], known[1], n, 1, motion, length, growth, limits))
         s.control.errors[b] = wp.vec4(known[0], known[1], known[2] + share * length / WINDOW, known[3])
 
@@ -326,8 +330,5 @@ def begin_better(
     if wp.tid() == 0:
         far[0] = 0
     if wanted[k] < 0:
-        if second > 0:
-            resample_all(t, block, given[w], b, substeps_of(given[w].state.control, given[w].limits[b], b), -wanted[k])
-        sync()  # all threads have read what one will write
-        if t == 0:
-            given[w].state.control.substeps[b] = -wanted[k]
+        n = substeps_of(given[w].state.control, given[w].limits[b], b)
+        take_substeps(t, block, given[w], b, n, -wanted[k], second)
