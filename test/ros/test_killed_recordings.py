@@ -37,8 +37,16 @@ def record(bag, most):
     raise SystemExit(recorder.main([str(bag)]))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def without_shared_memory():
+    """Fast DDS shares memory with locks and ports in it, which a killed process leaves to the next one as they are."""
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        yield
+
+
 @pytest.fixture(scope="module")
-def started():
+def started(without_shared_memory):
     """started(bag, most=0) -> the process of a recorder."""
     server = multiprocessing.get_context("forkserver")
     server.set_forkserver_preload(["cloth_sim_ros.record.recorder", "rosbags.rosbag2", "test_killed_recordings"])
