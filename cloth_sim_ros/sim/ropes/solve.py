@@ -10,6 +10,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import note_searches
 from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
 from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -38,6 +39,9 @@ SETTLED_SPEED = wp.constant(1.0e-3)
 # stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled.
 ATTEMPTS = wp.constant(5)
 NEWTON_STEPS = wp.constant(8)
+
+# Cost of a Newton step for a particle, in searches of facets for contact (see prices.py).
+SEARCHES = wp.constant(0.25)
 
 # Smallest compliance of a rigid segment along it, in the matrix, as a fraction of that of a rope's whole mass.
 STIFFEST = wp.constant(1.0e-4)
@@ -207,6 +211,13 @@ def _make_settle_contacts(features: Features, threads: int):
     return settle_contacts
 
 
+@wp.func
+def note_steps(t: int, steps: int, ctx: Context):
+    """Count Newton steps beyond the first one, which the budget has to pay."""
+    if t == 0 and steps > 1:
+        note_searches(int(SEARCHES * float((steps - 1) * ctx.body.count)), ctx)
+
+
 def make_solve(features: Features, threads: int):
     """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
     beam, winch = features.beam, features.winch
@@ -247,6 +258,7 @@ def make_solve(features: Features, threads: int):
             if wp.static(settle_contacts is not None):
                 if steps < NEWTON_STEPS:
                     again = settle_contacts(t, ctx) or again
+        note_steps(t, steps, ctx)
         return overstretched
 
     @wp.func

@@ -17,7 +17,9 @@ _NS = 1e-6  # a nanosecond [ms]
 # Then the cost of a spring of a line, and the extra costs of its dashpot and of its coupling in a membrane.
 _MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.0, 1.2, 54.0, 20.0, 40.0))
 _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
-_SEGMENT, _BEND = 85.0 * _NS, 60.0 * _NS  # cost of a particle of a rope, and more if it resists bending [ms]
+# Cost of a particle of a rope, more if it resists bending, and more where there are colliders, once for particles and
+# once for segments [ms].
+_SEGMENT, _BEND, _LEAN = 85.0 * _NS, 60.0 * _NS, 80.0 * _NS
 _SEARCH = 600.0 * _NS  # cost of a search of a facet for contact, and of pressing it [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
@@ -74,7 +76,8 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
     count, plate, coupled = len(topology.masses), topology.plate is not None, topology.coupling is not None
     bends = topology.bends is not None
     if not len(topology.triangles):
-        return _ROPE if around.device == "cuda" else around.worlds * count * (_SEGMENT + _BEND * bends)
+        each = _SEGMENT + _BEND * bends + _LEAN * (around.near > 0) * (1 + around.surface) + _touching(around)
+        return _ROPE if around.device == "cuda" else around.worlds * count * each
     if around.device == "cuda":
         stages = 2 + len(topology.families) + coupled + around.wind + plate + 2 * around.surface
         return _in_blocks(topology, stages, around)

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from cloth_sim_ros.sim import Box, Cloth, Scene, Settings, Simulation
+from cloth_sim_ros.sim import Box, Cloth, Rope, Scene, Settings, Simulation
 
 SIDE = 16
 FRAMES = 30
@@ -45,6 +45,24 @@ def test_contact_takes_its_share_of_the_budget():
     left = f"contact leaves it {choice.substeps} of the {choice.least} substeps that its stiffness takes"
     assert choice.substeps < choice.least and left in choice.reason
     assert choice.error > 1e-5 and "the budget allows no more substeps" in choice.reason
+
+
+def test_contact_of_a_rope_takes_its_share_of_the_budget():
+    """Over the edge of a box each substep takes several Newton steps: they cost nearly three times a substep beside it.
+
+    Out of reach a box costs three times a rope alone, as points between its particles are watched.
+    """
+    substeps = {}
+    for place, boxes in {
+        "alone": {},
+        "far": {"box": Box(half_extents=(0.1, 0.1, 0.1), position=(0.0, 0.0, -9.0))},
+        "across": {"box": Box(half_extents=(0.1, 0.1, 0.1), position=(0.0, 0.0, 0.88))},
+    }.items():
+        rope = Rope(start=(-0.8, 0.0, 1.0), end=(0.8, 0.0, 1.0), segments=64, mass=0.1, radius=0.01)
+        sim = Simulation(Scene({"it": rope}, boxes), Settings(error=1e-6, budget=0.05), device="cpu")
+        substeps[place] = np.mean(substeps_taken(sim, 2 * FRAMES)[FRAMES:])
+    assert 2.0 < substeps["alone"] / substeps["far"] < 5.0
+    assert 1.5 < substeps["far"] / substeps["across"] < 5.0
 
 
 def test_a_budget_that_pays_for_contact_too_keeps_the_substeps():

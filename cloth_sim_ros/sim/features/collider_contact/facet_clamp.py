@@ -43,7 +43,7 @@ def mark(corners: wp.vec3i, bit: int, ctx: Context):
 
 @wp.func
 def note_searches(count: int, ctx: Context):
-    """Count searches and presses of facets, whose cost bounds the substeps (see prices.py)."""
+    """Count searches and presses of facets, or as much other work, whose cost bounds the substeps (see prices.py)."""
     wp.atomic_add(ctx.state.control.since, ctx.body.index, wp.vec4i(0, 0, count, 0))
 
 
