@@ -91,11 +91,9 @@ class Graph:
             self._frames.pop(next(iter(self._frames)))
         frame, device = self._launches(*settings), self._members[0].device
         _run(frame)
-        if device.is_cuda:
-            with wp.ScopedCapture(device=device) as capture:
-                _run(frame)
-            frame = capture.graph
-        self._frames[settings] = frame
+        with wp.ScopedCapture(device=device) as capture:
+            _run(frame)
+        self._frames[settings] = capture.graph
 
     def _launches(self, substeps: int, iterations: int) -> list[Launch]:
         frame: list[Launch] = []

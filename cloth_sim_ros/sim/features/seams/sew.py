@@ -311,8 +311,20 @@ def _solved(matrix: wp.mat33, right: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
-    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep."""
+def _shares(seams: Seams, stitch: Stitch, tie: Tie, w: int) -> bool:
+    """True if a stitch has a particle that another one pulls too."""
+    for k in range(4):
+        if tie.weights[k] != 0.0 and seams.counts[_number(seams, stitch, tie, k, w)] > 1:
+            return True
+    return False
+
+
+@wp.func
+def _pull(seams: Seams, s: int, w: int, substep: int, last: bool, again: bool):
+    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep.
+
+    again: in a later pass, which a stitch that shares no particle does not need.
+    """
     stitch = seams.stitches[s]
     of = seams.arrays[stitch.batches[0] * seams.worlds + w]
     now = of.seams.stitches[stitch.number]
@@ -320,6 +332,8 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
         return
     numbers = of.numbers[stitch.row].values
     tie = _at(seams, stitch, now, w, last)
+    if again and not _shares(seams, stitch, tie, w):
+        return
     inverse = wp.mat33(0.0)
     for k in range(4):
         if tie.weights[k] != 0.0:
@@ -399,10 +413,10 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     for w in range(team, seams.worlds, group.teams):
         _free(seams, w, t, group.width, substep, last)
     sync_all(group)
-    for _pass in range(passes):
+    for q in range(passes):
         for w in range(team, seams.worlds, group.teams):
             for s in range(t, seams.stitches.shape[0], group.width):
-                _pull(seams, s, w, substep, last)
+                _pull(seams, s, w, substep, last, q > 0)
         sync_all(group)
         for w in range(team, seams.worlds, group.teams):
             _move(seams, w, t, group.width)
