@@ -115,6 +115,32 @@ def _or_wide(others, name: str):
     return wp.func(width, name=f"width_{name}")
 
 
+def make_formula(present: tuple[str, ...]):
+    """Make a Warp function (shape, a, b, c): weights of the deepest point of a triangle, or 0 if it has to be searched.
+
+    Returns None if no shape in `present` has a formula.
+    """
+    chosen = None
+    for name in present:
+        if SHAPES[name].deepest is not None:
+            chosen = _or_formula(chosen, name)
+    return chosen
+
+
+def _or_formula(others, name: str):
+    index, of_shape = number_of(name), SHAPES[name].deepest
+
+    def formula(shape: int, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+        if shape == wp.static(index):
+            return of_shape(a, b, c)
+        if wp.static(others is not None):
+            return others(shape, a, b, c)
+        else:
+            return wp.vec3(0.0)
+
+    return wp.func(formula, name=f"formula_{name}")
+
+
 def _or(others, name: str):
     index, of_shape = number_of(name), SHAPES[name].distance
     has_data = len(of_shape.input_types) == 3

@@ -60,8 +60,9 @@ class Collider:
     distance: Warp function (p, size) or (p, size, data) -> outward normal (x, y, z) and signed distance [m] of local
     point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. width: of a
     shape that may not be convex, a Warp function (data) -> twice its volume over its surface [m], or 0 where the
-    distance is convex along every line. wholes: halves among `dimensions`, of which YAML has the double as in
-    shape_msgs/SolidPrimitive, and its name there; these come first.
+    distance is convex along every line. deepest: where a formula is faster than a search, a Warp function (a, b, c) ->
+    weights of the corners in the deepest point of a triangle; b and c are equal for a segment. wholes: halves among
+    `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these come first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -75,6 +76,7 @@ class Collider:
     distance: ClassVar[wp.Function]
     at_least: ClassVar[wp.Function | None] = None
     width: ClassVar[wp.Function | None] = None
+    deepest: ClassVar[wp.Function | None] = None
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid, length
+from cloth_sim_ros.sim.physics.distance import nearest_in_triangle
 
 
 @wp.func
@@ -24,6 +25,7 @@ class Sphere(Collider):
     radius: float = 0.2
     dimensions = (length("radius"),)
     distance = signed_distance
+    deepest = nearest_in_triangle
 
     def reach(self) -> float:
         """The radius [m]."""

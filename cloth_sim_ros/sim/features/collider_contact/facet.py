@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """A triangle or segment in the axes of a collider: its deepest point, and the first contact of a fast one.
 
-The signed distance of a convex shape is convex along a line. A triangle is searched row by row, in lines parallel to
+A shape may have a formula for the deepest point. Else it is searched: the signed distance of a convex shape is convex
+along a line. A triangle is searched row by row, in lines parallel to
 one side. The same search works along a row and across rows.
 """
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, make_width
+from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signed_distance, make_width
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
@@ -228,8 +229,28 @@ def make_deepest(shapes: tuple[str, ...]):
     known: weights of a point that is taken instead; or 0. A facet that no sample shows within `step` [m] of the shape
     has a lower bound of its distance, and weights 0.
     """
-    width = make_width(shapes)
-    return _make_search(shapes) if width is None else _or_spread(_make_search(shapes), shapes, width)
+    width, search = make_width(shapes), _or_formula(_make_search(shapes), shapes)
+    return search if width is None else _or_spread(search, shapes, width)
+
+
+def _or_formula(search, shapes: tuple[str, ...]):
+    signed_distance, formula = make_signed_distance(shapes), make_formula(shapes)
+    if formula is None:
+        return search
+
+    @wp.func
+    def by_formula(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+        weights = formula(shape, facet.a, facet.b, facet.c)
+        if wp.max(weights) == 0.0:
+            return search(shape, size, data, facet, step, known)
+        found, p = Deepest(), point_of(facet, weights)
+        surface = signed_distance(shape, p, size, data)
+        found.weights = weights
+        found.value = surface[3]
+        found.plane = tangent(p, surface)
+        return found
+
+    return by_formula
 
 
 def _or_spread(search, shapes: tuple[str, ...], width):

@@ -67,9 +67,9 @@ class Seams:
     sewn body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch
     may reach, its number there, its body, and 1 for second order. firsts: (batches,) the place of the first
     particle of a batch among all. moves: sums of displacements that stitches ask for, three for each particle of
-    each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. inverses:
-    the inverse mass of each with all that its ways drag along [1/kg]. starts: its displacement without stitches
-    [m].
+    each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. sharing:
+    (worlds,) 1 if a particle has several of them now. inverses: the inverse mass of each with all that its ways drag
+    along [1/kg]. starts: its displacement without stitches [m].
 
     ways: (W,) first and end of its beads. way_starts: (T + 1,) those of a touched particle. beads: (n,) particle in its
     batch, and slot of the spring to it. pulls: (worlds n,) unit vector of that spring, and the mass behind it [kg].
@@ -84,6 +84,7 @@ class Seams:
     moves: wp.array(dtype=wp.int64)
     counts: wp.array(dtype=int)
     closing: wp.array(dtype=int)
+    sharing: wp.array(dtype=int)
     inverses: wp.array(dtype=wp.mat33)
     starts: wp.array(dtype=wp.vec3)
     ways: wp.array(dtype=wp.vec2i)
@@ -138,6 +139,7 @@ def seams_of(
     seams.moves = wp.zeros(3 * worlds * seams.particles, dtype=wp.int64, device=device)
     seams.counts = wp.zeros(worlds * seams.particles, dtype=int, device=device)
     seams.closing = wp.zeros(worlds, dtype=int, device=device)
+    seams.sharing = wp.zeros(worlds, dtype=int, device=device)
     seams.inverses = wp.zeros(worlds * seams.particles, dtype=wp.mat33, device=device)
     seams.starts = wp.zeros(worlds * seams.particles, dtype=wp.vec3, device=device)
     return seams

@@ -172,7 +172,8 @@ def _begin(seams: Seams, s: int, w: int, first: bool, last: bool):
     tie = _at(seams, stitch, now, w, last)
     for k in range(4):
         if tie.weights[k] != 0.0:
-            wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1)
+            if wp.atomic_add(seams.counts, _number(seams, stitch, tie, k, w), 1) > 0:
+                seams.sharing[w] = 1
     if now[1] == _CLOSES and not last:
         seams.closing[w] = 1
 
@@ -257,8 +258,10 @@ def _leave(seams: Seams, k: int, w: int):
 
 @wp.func
 def _free(seams: Seams, w: int, t: int, width: int, substep: int, last: bool):
-    """Let the touched particles move as they would without stitches, and find how they yield."""
+    """Let particles with stitches move as they would without, and find how they yield."""
     for k in range(t, seams.touched.shape[0], width):
+        if seams.counts[_place(seams, k, w)] == 0:
+            continue
         if _leaves(seams, w, last):
             _leave(seams, k, w)
         else:
@@ -311,20 +314,8 @@ def _solved(matrix: wp.mat33, right: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def _shares(seams: Seams, stitch: Stitch, tie: Tie, w: int) -> bool:
-    """True if a stitch has a particle that another one pulls too."""
-    for k in range(4):
-        if tie.weights[k] != 0.0 and seams.counts[_number(seams, stitch, tie, k, w)] > 1:
-            return True
-    return False
-
-
-@wp.func
-def _pull(seams: Seams, s: int, w: int, substep: int, last: bool, again: bool):
-    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep.
-
-    again: in a later pass, which a stitch that shares no particle does not need.
-    """
+def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
+    """Find how stitch s moves its particles; one that is not closed yet does not in the last pull of a substep."""
     stitch = seams.stitches[s]
     of = seams.arrays[stitch.batches[0] * seams.worlds + w]
     now = of.seams.stitches[stitch.number]
@@ -332,8 +323,6 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool, again: bool):
         return
     numbers = of.numbers[stitch.row].values
     tie = _at(seams, stitch, now, w, last)
-    if again and not _shares(seams, stitch, tie, w):
-        return
     inverse = wp.mat33(0.0)
     for k in range(4):
         if tie.weights[k] != 0.0:
@@ -381,9 +370,11 @@ def _move(seams: Seams, w: int, t: int, width: int):
 def _end(seams: Seams, w: int, t: int, width: int, last: bool):
     """Let ways follow, forget the counts, and break the stitches that bear too much in the end."""
     for k in range(t, seams.touched.shape[0], width):
-        if not _leaves(seams, w, last):
+        if seams.counts[_place(seams, k, w)] > 0 and not _leaves(seams, w, last):
             _follow(seams, k, w)
         seams.counts[_place(seams, k, w)] = 0
+    if t == 0:
+        seams.sharing[w] = 0
     if not last:
         return
     if t == 0:
@@ -415,11 +406,13 @@ def _sew(seams: Seams, substep: int, first: bool, last: bool, passes: int, group
     sync_all(group)
     for q in range(passes):
         for w in range(team, seams.worlds, group.teams):
-            for s in range(t, seams.stitches.shape[0], group.width):
-                _pull(seams, s, w, substep, last, q > 0)
+            if q == 0 or seams.sharing[w] != 0:
+                for s in range(t, seams.stitches.shape[0], group.width):
+                    _pull(seams, s, w, substep, last)
         sync_all(group)
         for w in range(team, seams.worlds, group.teams):
-            _move(seams, w, t, group.width)
+            if q == 0 or seams.sharing[w] != 0:
+                _move(seams, w, t, group.width)
         sync_all(group)
     for w in range(team, seams.worlds, group.teams):
         _end(seams, w, t, group.width, last)
