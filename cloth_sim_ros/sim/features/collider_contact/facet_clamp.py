@@ -25,6 +25,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     slip_of_particle,
 )
 from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz
 
 # Bits of State.pressed: a particle of a pressed or fast facet, the same after that stage, and one that stops.
@@ -92,7 +93,8 @@ def _make_given_up(shapes: tuple[str, ...]):
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)
             note_searches(1, ctx)
-            if (count == 0 and found.value <= 0.0) or left * way < found.value:
+            # Rounding alone must not let a facet in that was stopped at the surface.
+            if (count == 0 and found.value <= -NOISE) or left * way < found.value:
                 return none
             if pressed or (count > 0 and found.value < 1.0e-3 * thickness):
                 break

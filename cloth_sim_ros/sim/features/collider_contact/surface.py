@@ -243,29 +243,48 @@ def _make_friction(leans: bool):
     return friction_on
 
 
+def make_point_on(features: Features):
+    """Return a Warp function: the weights of the point at which a collider may press a facet; 0 if there is none."""
+    touched_in, is_squeezed = make_touched_in(features), make_is_facet_squeezed(features)
+
+    @wp.func
+    def point_on(facet: Facet, corners: wp.vec3i, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
+        squeezed = is_squeezed(entry, collider, ctx)
+        slack = slack_of(collider, squeezed, ctx.state.contact.presses[entry].when >= ctx.substep - 1)
+        weights = touched_in(facet, entry, collider, ctx.material.thickness + slack, ctx)
+        if wp.max(weights) > CORNER and not squeezed:
+            return wp.vec3(0.0)
+        return weights
+
+    return point_on
+
+
 def make_press_on(features: Features):
-    """Return a Warp function: the Press of a facet against one collider, with friction; `last` is its last Press."""
-    meet, touched_in, is_squeezed, leans = (
-        make_ccd(features.shapes),
-        make_touched_in(features),
-        make_is_facet_squeezed(features),
-        features.leans,
-    )
+    """Return a Warp function: the Press of a facet against one collider at a point, with friction.
+
+    last: its last Press.
+    """
+    meet, is_squeezed, leans = make_ccd(features.shapes), make_is_facet_squeezed(features), features.leans
     so_far_of, gap_of, friction_on = _make_so_far(leans), _make_gap(leans), _make_friction(leans)
     rubbed = _make_rubbed(leans)
 
     @wp.func
     def press_on(
-        corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, last: Press, ctx: Context
+        facet: Facet,
+        weights: wp.vec3,
+        corners: wp.vec3i,
+        entry: int,
+        collider: ColliderMotion,
+        sweep: Sweep,
+        last: Press,
+        ctx: Context,
     ) -> Press:
         press = Press()
-        facet = facet_of(corners, ctx, sweep)
         thickness = ctx.material.thickness
         squeezed = is_squeezed(entry, collider, ctx)
         slack = slack_of(collider, squeezed, last.when >= ctx.substep - 1)
-        weights = touched_in(facet, entry, collider, thickness + slack, ctx)
         w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
-        if wp.max(weights) == 0.0 or (wp.max(weights) > CORNER and not squeezed) or w == 0.0:
+        if w == 0.0:
             return press
         slip = slip_at(facet, weights)
         apart = pace(collider, ctx.step)
@@ -297,12 +316,45 @@ def make_press_on(features: Features):
     return press_on
 
 
+def _make_presses(features: Features):
+    """Return a Warp function that stores the Press of a facet against collider c; False if it presses nowhere.
+
+    Most do not: they are told before a Press is made.
+    """
+    point_on, press_on = make_point_on(features), make_press_on(features)
+
+    @wp.func
+    def presses(corners: wp.vec3i, entry: int, c: int, ctx: Context) -> bool:
+        sweep, collider = ctx.state.contact.sweeps[ctx.sweep + c], ctx.colliders[c]
+        if not is_tested(corners, ctx, collider, sweep):
+            return False
+        facet = facet_of(corners, ctx, sweep)
+        if longest_way(facet) > FAST * ctx.material.thickness:
+            mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
+        weights = point_on(facet, corners, entry, collider, ctx)
+        if wp.max(weights) == 0.0:
+            return False
+        last = ctx.state.contact.presses[entry]
+        found = press_on(facet, weights, corners, entry, collider, sweep, last, ctx)
+        if wp.max(found.weights) == 0.0:
+            return False
+        found.lean = last.lean
+        found.leaned = last.leaned
+        found.acted = last.acted
+        found.friction = last.friction
+        found.when = ctx.substep
+        ctx.state.contact.presses[entry] = found
+        return True
+
+    return presses
+
+
 def make_press(features: Features):
     """Return the stage that computes the pushes of all colliders on the facets of a body.
 
     Thread t of `width` does its share.
     """
-    press_on, near_of, leans = make_press_on(features), make_near_of(features.listed), features.leans
+    presses, near_of, leans = _make_presses(features), make_near_of(features.listed), features.leans
 
     @wp.func
     def press(t: int, width: int, ctx: Context):
@@ -320,24 +372,11 @@ def make_press(features: Features):
                 c = next_of(-1, near, stray)
                 while c < colliders:
                     entry = k * colliders + c
-                    last = ctx.state.contact.presses[entry]
-                    found = Press()
-                    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
-                    if is_tested(corners, ctx, ctx.colliders[c], sweep):
-                        found = press_on(corners, entry, ctx.colliders[c], sweep, last, ctx)
-                        if longest_way(facet_of(corners, ctx, sweep)) > FAST * ctx.material.thickness:
-                            mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
-                    if wp.max(found.weights) > 0.0:
-                        found.lean = last.lean
-                        found.leaned = last.leaned
-                        found.acted = last.acted
-                        found.friction = last.friction
-                        found.when = ctx.substep
+                    if presses(corners, entry, c, ctx):
                         note_searches(1, ctx)
-                        ctx.state.contact.presses[entry] = found
                         note(c, near)
                         mark(corners, PRESSED, ctx)
-                    elif last.when == ctx.substep:
+                    elif ctx.state.contact.presses[entry].when == ctx.substep:
                         # The push of an earlier iteration was enough.
                         ctx.state.contact.presses[entry].push = wp.vec3(0.0)
                         ctx.state.contact.presses[entry].rub = wp.vec3(0.0)
