@@ -295,11 +295,11 @@ class Rope:
             points = np.asarray(self.start) * (1.0 - t) + np.asarray(self.end) * t
         else:
             points = finite_array(self.points, 3, "Rope.points")
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if len(points) < 2 or lengths.min(initial=np.inf) < 1e-9:
-            raise ValueError(
-                "Rope has fewer than two points or a segment of no length; allowed are distinct neighbours"
-            )
+        if len(points) < 2:
+            raise ValueError(f"Rope.points has {len(points)}; allowed are two or more")
+        for k in np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)[:1]:
+            place = points[k].tolist()
+            raise ValueError(f"Rope has points {k} and {k + 1} both at {place}; allowed are neighbours apart")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "segments", len(points) - 1)
         _check_pins(self, ("start", "end", "both"), len(points))

@@ -185,10 +185,22 @@ def test_a_path_that_is_none_leaves_the_rope_out(path, said):
     assert plan.problems == {"line": f"line.path {said}"} and "line" not in plan.scene.objects
 
 
-def test_what_is_no_rope_is_named():
-    plan = make_plan(values(line__start=(0.0, 0.0, 1.0), line__end=(0.0, 0.0, 1.0)))
-    assert "line" not in plan.scene.objects
-    assert plan.problems["line"].startswith("line has fewer than two points or a segment of no length; allowed")
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"start": (0.0, 0.0, 1.0), "end": (0.0, 0.0, 1.0)}, "points 0 and 1 both at [0.0, 0.0, 1.0]"),
+        ({"path": (0.0,) * 3 + (2.5,) + (0.0,) * 5, "segments": 5}, "points 2 and 3 both at [2.0, 0.0, 0.0]"),
+    ],
+)
+def test_a_segment_of_no_length_is_told_with_its_place(given, said):
+    plan = make_plan(values(**{f"line__{name}": value for name, value in given.items()}))
+    assert plan.problems == {"line": f"line has {said}; allowed are neighbours apart"}
+
+
+def test_lengths_of_a_winch_are_called_as_parameters():
+    given = {"pins": "start", "winch.enabled": True, "winch.shortest": 5.0, "winch.longest": 1.0}
+    plan = make_plan({**values(), **{f"line.{name}": value for name, value in given.items()}})
+    assert plan.problems["line"].startswith("line.winch.shortest is 5 with a longest of 1; allowed")
 
 
 def test_the_rows_are_the_fields_of_the_scene():

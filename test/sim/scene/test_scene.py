@@ -54,7 +54,7 @@ BAD = {
     ),
     "mesh beyond its vertices": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 3]]), "vertex 3"),
     "mesh of NaN": (lambda: Cloth.from_mesh(np.full((3, 3), np.nan), [[0, 1, 2]]), "finite"),
-    "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "no length"),
+    "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "points 0 and 1 both at"),
     "cloth masses": (lambda: Cloth(resolution=(3, 3), particle_masses=[1.0] * 8), "9 finite masses"),
     "rope masses": (lambda: Rope(segments=2, particle_masses=[1.0, 1.0]), "3 finite masses"),
     "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist_compliance"),
