@@ -117,7 +117,7 @@ class Cloth:
             value = getattr(self, name)
             if value is not None and not allowed:
                 needs = "a shear_compliance" if of == "stretch_compliance" else "bending 'dihedral'"
-                raise ValueError(f"Cloth.{name} is set; allowed is None without {needs}")
+                raise ValueError(f"Cloth.{name} is {value:g} without {needs}; allowed is to leave it out, or both")
             if value is not None and min(value, getattr(self, of)) <= 0.0:
                 raise ValueError(f"Cloth.{name} is {value:g}, {of} {getattr(self, of):g}; allowed are two above 0")
         if bends and self.diagonal_bend_compliance is not None:
@@ -306,12 +306,14 @@ class Rope:
         _take_masses(self, len(points))
         if self.winch is not None:
             self._check_winch()
-        if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
-            raise ValueError("Rope.twist_compliance needs bend_compliance and at least 3 segments")
+        if self.twist_compliance is not None and self.bend_compliance is None:
+            raise ValueError("Rope has twist without bending; allowed is bending alone, or both")
+        if self.twist_compliance is not None and self.segments < 3:
+            raise ValueError(f"Rope has twist and {self.segments} segments; allowed are at least 3")
         if self.twist_compliance is not None and self.winch is not None:
             raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None")
         if self.twist_compliance is None and self.end_turn:
-            raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist_compliance; allowed is 0, or both")
+            raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist; allowed is 0, or both")
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Rope:

@@ -197,6 +197,22 @@ def test_a_segment_of_no_length_is_told_with_its_place(given, said):
     assert plan.problems == {"line": f"line has {said}; allowed are neighbours apart"}
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"line__twist": True}, "line has twist without bending; allowed is bending alone, or both"),
+        ({"line__end_turn": 1.0}, "line.end_turn is 1 without twist; allowed is 0, or both"),
+        (
+            {"sheet__weft_bend_compliance": 2.0},
+            "sheet.weft_bend_compliance is 2 without bending 'dihedral'; allowed is to leave it out, or both",
+        ),
+    ],
+)
+def test_what_needs_another_parameter_is_told_in_words_of_both(given, said):
+    """Presence is a parameter of the node, such as twist, and a number or None in Python."""
+    assert list(make_plan(values(**given)).problems.values()) == [said]
+
+
 def test_lengths_of_a_winch_are_called_as_parameters():
     given = {"pins": "start", "winch.enabled": True, "winch.shortest": 5.0, "winch.longest": 1.0}
     plan = make_plan({**values(), **{f"line.{name}": value for name, value in given.items()}})

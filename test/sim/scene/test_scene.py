@@ -59,7 +59,7 @@ BAD = {
     "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "points 0 and 1 both at"),
     "cloth masses": (lambda: Cloth(resolution=(3, 3), particle_masses=[1.0] * 8), "9 finite masses"),
     "rope masses": (lambda: Rope(segments=2, particle_masses=[1.0, 1.0]), "3 finite masses"),
-    "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist_compliance"),
+    "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist; allowed"),
     "twist on a winch": (
         lambda: Rope(winch=Winch(), bend_compliance=1.0, twist_compliance=1.0),
         "Rope.twist_compliance is set for a rope on a winch",
