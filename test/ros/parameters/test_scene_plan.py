@@ -213,6 +213,13 @@ def test_what_needs_another_parameter_is_told_in_words_of_both(given, said):
     assert list(make_plan(values(**given)).problems.values()) == [said]
 
 
+def test_what_a_path_or_a_mesh_replaces_has_no_effect():
+    given = values(line__path=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), sheet__mesh="shirt.obj")
+    for name, place in {"line.end": "line.path", "sheet.resolution": "sheet.mesh", "sheet.size": "sheet.mesh"}.items():
+        assert names.idle(name, given) == f"{name} acts only where {place} is empty"
+        assert not names.idle(name, values())
+
+
 def test_lengths_of_a_winch_are_called_as_parameters():
     given = {"pins": "start", "winch.enabled": True, "winch.shortest": 5.0, "winch.longest": 1.0}
     plan = make_plan({**values(), **{f"line.{name}": value for name, value in given.items()}})
