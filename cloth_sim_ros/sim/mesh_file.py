@@ -19,7 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from cloth_sim_ros.parameters import shown
+from cloth_sim_ros.parameters import UNIT, check, shown
 from cloth_sim_ros.shared_files import PACKAGE, shared
 from cloth_sim_ros.sim.input.mesh_reading import MOST_BYTES, PART, Mesh, Read, read
 from cloth_sim_ros.sim.input.regular_file import check_regular
@@ -66,6 +66,7 @@ def load_warp(path: str, parameter: str, scale: float, along: Sequence[float]) -
 
 def _found(path: str, parameter: str, scale: float) -> Read:
     """What mesh_reading.read finds, told once. Raises ValueError."""
+    check(UNIT, scale, f"{parameter} scale")
     try:
         file, part = local_path(path, parameter), ""
         if PART in path and not file.exists():

@@ -133,6 +133,14 @@ def help_of(*program):
     return done.stdout
 
 
+@pytest.mark.parametrize(("verb", "there"), [("run", "setup.py"), ("launch", "launch/cloth_sim.launch.py")])
+def test_what_ros2_starts_is_there(verb, there):
+    """Lines of ros2 are not typed, but name a program of setup.py or the launch file."""
+    names = {name for _, line in LINES for name in re.findall(rf"ros2 {verb} cloth_sim_ros (\S+)", line)}
+    programs = set(re.findall(r'"(\w+) = cloth_sim_ros\.programs:', (ROOT / there).read_text()))
+    assert names and names <= programs | {Path(there).name}
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_printed_command_exists_with_its_options(command):
     first, *words = shlex.split(command)

@@ -49,6 +49,7 @@ class ParameterBridge:
         self._followed: set[str] = set()  # what the last change brings with it by a material
         self._declare_all()
         self._warn_unknown()
+        self._warn_idle()
         node.add_pre_set_parameters_callback(self._coerce)
         node.add_on_set_parameters_callback(self._refuse_or_accept)
         node.add_post_set_parameters_callback(self._hand_on)
@@ -139,6 +140,14 @@ class ParameterBridge:
             self._log.error(f"{error}; using the default {ros_value(row, default)!r}")
             del self._given[name]
             return default
+
+    def _warn_idle(self) -> None:
+        """Tell which given values have no effect, but for those that a given value switches off."""
+        for name in filter(self.rows.__contains__, self._given):
+            why, value = names.idle(name, self.values), self.values[name]
+            is_off = self._given.keys() & (set(why.split()) - {name})
+            if why and not is_off and value and value != _default(self.rows[name], name, self.values):
+                self._log.warning(why)
 
     def _warn_unknown(self) -> None:
         for name in self._given:

@@ -109,6 +109,9 @@ def idle(name: str, values: Mapping[str, object]) -> str:
         if hasattr(SHAPES.get(shape), "from_file") == (field == "dimensions"):
             return f"{name} has no effect on a {shape}"
         return ""
+    for place, replaced in (("path", ("start", "end")), ("mesh", ("resolution", "size"))):
+        if field in replaced and values.get(f"{owner}.{place}"):
+            return f"{name} acts only where {owner}.{place} is empty"
     if field == "scale" and not values[f"{owner}.mesh"]:
         return f"{name} acts only where {owner}.mesh names a file"
     switch, off = switches.get(field, ("enabled", False))

@@ -315,7 +315,8 @@ def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]
             things[name] = make(values, name)
         except ValueError as error:
             sentence = re.sub(r"^(Rope|Cloth)(?=[. ])", name, str(error))
-            problems[name] = sentence if name in sentence else f"{name}: {sentence}"
+            sentence = re.sub(r"^Winch\.", f"{name}.winch.", sentence)
+            problems[name] = sentence if re.match(rf"{re.escape(name)}[. :]", sentence) else f"{name}: {sentence}"
     return things
 
 

@@ -83,13 +83,15 @@ def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64, 
         array = np.array(value, dtype=dtype)
     except (TypeError, ValueError):
         array = np.zeros(0)
-    if array.ndim != 2 or array.shape[1] != columns or len(array) < least or not np.isfinite(array).all():
+    if array.ndim != 2 or array.shape[1] != columns or len(array) < least:
         raise ValueError(
             f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least {least}"
         )
+    for row, column in np.argwhere(~np.isfinite(array))[:1]:
+        raise ValueError(f"{name} holds {array[row, column]:g} in row {row}; allowed are finite numbers")
     return array
 
 
 def names_of(names: Iterable[str]) -> str:
     """Names as a sentence about what is allowed lists them."""
-    return ", ".join(names) or "none, the scene is empty"
+    return ", ".join(names) or "none, as the scene has none"

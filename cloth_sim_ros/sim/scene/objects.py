@@ -117,7 +117,7 @@ class Cloth:
             value = getattr(self, name)
             if value is not None and not allowed:
                 needs = "a shear_compliance" if of == "stretch_compliance" else "bending 'dihedral'"
-                raise ValueError(f"Cloth.{name} is set; allowed is None without {needs}")
+                raise ValueError(f"Cloth.{name} is {value:g} without {needs}; allowed is to leave it out, or both")
             if value is not None and min(value, getattr(self, of)) <= 0.0:
                 raise ValueError(f"Cloth.{name} is {value:g}, {of} {getattr(self, of):g}; allowed are two above 0")
         if bends and self.diagonal_bend_compliance is not None:
@@ -295,23 +295,25 @@ class Rope:
             points = np.asarray(self.start) * (1.0 - t) + np.asarray(self.end) * t
         else:
             points = finite_array(self.points, 3, "Rope.points")
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        if len(points) < 2 or lengths.min(initial=np.inf) < 1e-9:
-            raise ValueError(
-                "Rope has fewer than two points or a segment of no length; allowed are distinct neighbours"
-            )
+        if len(points) < 2:
+            raise ValueError(f"Rope.points has {len(points)}; allowed are two or more")
+        for k in np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)[:1]:
+            place = points[k].tolist()
+            raise ValueError(f"Rope has points {k} and {k + 1} both at {place}; allowed are neighbours apart")
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "segments", len(points) - 1)
         _check_pins(self, ("start", "end", "both"), len(points))
         _take_masses(self, len(points))
         if self.winch is not None:
             self._check_winch()
-        if self.twist_compliance is not None and (self.bend_compliance is None or self.segments < 3):
-            raise ValueError("Rope.twist_compliance needs bend_compliance and at least 3 segments")
+        if self.twist_compliance is not None and self.bend_compliance is None:
+            raise ValueError("Rope has twist without bending; allowed is bending alone, or both")
+        if self.twist_compliance is not None and self.segments < 3:
+            raise ValueError(f"Rope has twist and {self.segments} segments; allowed are at least 3")
         if self.twist_compliance is not None and self.winch is not None:
             raise ValueError("Rope.twist_compliance is set for a rope on a winch; allowed is None")
         if self.twist_compliance is None and self.end_turn:
-            raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist_compliance; allowed is 0, or both")
+            raise ValueError(f"Rope.end_turn is {self.end_turn:g} without twist; allowed is 0, or both")
 
     @classmethod
     def of(cls, material: str, **fields: Any) -> Rope:

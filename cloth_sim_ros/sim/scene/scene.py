@@ -16,7 +16,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
-from cloth_sim_ros.sim.input.checks import check_fields
+from cloth_sim_ros.sim.input.checks import check_fields, names_of
 from cloth_sim_ros.sim.input.mesh_repair import count_t_junctions, parts_of
 from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
@@ -89,7 +89,7 @@ class Scene:
             raise ValueError(f"Scene.wind is {self.wind!r}; allowed is a Wind or None")
         for thing in (*self.forces.values(), *self.constraints.values()):
             kind_of(thing)
-        allowed = ", ".join(self.objects) or "none, the scene is empty"
+        allowed = names_of(self.objects)
         for name, constraint in self.constraints.items():
             if constraint.object not in self.objects:
                 raise ValueError(f"Constraint {name!r} is of {constraint.object!r}; allowed is {allowed}")

@@ -79,7 +79,7 @@ def test_hauls_in_by_parameter(winch, client):
     winch.wait_for("rope.winch.pay_out is 5 m/s and is cut to rope.winch.max_rate, 1 m/s")
     refused = client.set("rope.winch.shortest", 1.8)
     assert not refused.successful
-    assert refused.reason.startswith("rope: Winch.shortest is 1.8 with a longest of 1.5; allowed")
+    assert refused.reason.startswith("rope.winch.shortest is 1.8 with a longest of 1.5; allowed")
 
 
 @pytest.mark.parametrize(

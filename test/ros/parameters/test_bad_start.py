@@ -96,6 +96,14 @@ def test_what_stands_outside_of_the_parameters_is_told_and_the_rest_acts(start):
     assert "rope (4 particles)" in node.log
 
 
+def test_what_has_no_effect_is_told_but_for_what_the_file_switches_off(start):
+    scene = "objects: [a, b]\n    a: {resolution: [2, 2], bend_compliance: 3.0}\n"
+    scene += "    b: {resolution: [2, 2], bending: none, bend_compliance: 3.0}\n    wind: {velocity: [3, 0, 0]}\n"
+    log = start(f"/**:\n  ros__parameters:\n    {scene}").ready().log
+    assert "wind.velocity acts only where wind.enabled is not false" in log
+    assert "a.bend_compliance acts only where a.bending is not none" in log and "b.bend_compliance" not in log
+
+
 def test_an_empty_scene_waits(start, client):
     node = start("cloth_sim:\n  ros__parameters:\n    objects: []\n").ready()
     assert client.get("rate") == 60.0 and node.alive()

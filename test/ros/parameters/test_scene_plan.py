@@ -185,10 +185,45 @@ def test_a_path_that_is_none_leaves_the_rope_out(path, said):
     assert plan.problems == {"line": f"line.path {said}"} and "line" not in plan.scene.objects
 
 
-def test_what_is_no_rope_is_named():
-    plan = make_plan(values(line__start=(0.0, 0.0, 1.0), line__end=(0.0, 0.0, 1.0)))
-    assert "line" not in plan.scene.objects
-    assert plan.problems["line"].startswith("line has fewer than two points or a segment of no length; allowed")
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"start": (0.0, 0.0, 1.0), "end": (0.0, 0.0, 1.0)}, "points 0 and 1 both at [0.0, 0.0, 1.0]"),
+        ({"path": (0.0,) * 3 + (2.5,) + (0.0,) * 5, "segments": 5}, "points 2 and 3 both at [2.0, 0.0, 0.0]"),
+    ],
+)
+def test_a_segment_of_no_length_is_told_with_its_place(given, said):
+    plan = make_plan(values(**{f"line__{name}": value for name, value in given.items()}))
+    assert plan.problems == {"line": f"line has {said}; allowed are neighbours apart"}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"line__twist": True}, "line has twist without bending; allowed is bending alone, or both"),
+        ({"line__end_turn": 1.0}, "line.end_turn is 1 without twist; allowed is 0, or both"),
+        (
+            {"sheet__weft_bend_compliance": 2.0},
+            "sheet.weft_bend_compliance is 2 without bending 'dihedral'; allowed is to leave it out, or both",
+        ),
+    ],
+)
+def test_what_needs_another_parameter_is_told_in_words_of_both(given, said):
+    """Presence is a parameter of the node, such as twist, and a number or None in Python."""
+    assert list(make_plan(values(**given)).problems.values()) == [said]
+
+
+def test_what_a_path_or_a_mesh_replaces_has_no_effect():
+    given = values(line__path=(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), sheet__mesh="shirt.obj")
+    for name, place in {"line.end": "line.path", "sheet.resolution": "sheet.mesh", "sheet.size": "sheet.mesh"}.items():
+        assert names.idle(name, given) == f"{name} acts only where {place} is empty"
+        assert not names.idle(name, values())
+
+
+def test_lengths_of_a_winch_are_called_as_parameters():
+    given = {"pins": "start", "winch.enabled": True, "winch.shortest": 5.0, "winch.longest": 1.0}
+    plan = make_plan({**values(), **{f"line.{name}": value for name, value in given.items()}})
+    assert plan.problems["line"].startswith("line.winch.shortest is 5 with a longest of 1; allowed")
 
 
 def test_the_rows_are_the_fields_of_the_scene():

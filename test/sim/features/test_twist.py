@@ -261,8 +261,8 @@ def test_both_executors_twist_by_hand_alike(device):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"bend_compliance": None}, "Rope.twist_compliance needs bend_compliance and at least 3"),
-        ({"segments": 2, "pins": ()}, "Rope.twist_compliance needs bend_compliance and at least 3"),
+        ({"bend_compliance": None}, "Rope has twist without bending; allowed is bending alone, or both"),
+        ({"segments": 2, "pins": ()}, "Rope has twist and 2 segments; allowed are at least 3"),
         ({"twist_compliance": 0.0}, "Rope.twist_compliance is 0.0; allowed is a finite number from 1e-06"),
         ({"winch": Winch()}, "with a winch"),
     ],

@@ -45,13 +45,16 @@ def test_a_part_of_a_file_has_its_name(tmp_path, part, count, wanted):
     assert len(found[0]) == count and area(found) == pytest.approx(wanted)
 
 
-def test_a_part_that_is_not_there_is_refused_with_the_names_of_those_that_are(tmp_path):
+def test_a_part_or_scale_that_cannot_be_is_refused_with_what_can(tmp_path):
     file = tmp_path / "shirt.obj"
     file.write_text(SHIRT)
     with pytest.raises(ValueError, match=r"which has no part 'Back'; allowed are 'Left Sleeve, Front, panel, upper, l"):
         load_mesh(f"{file}#Back", "it")
     with pytest.raises(ValueError, match="no such file is there"):
         load_mesh(f"{tmp_path}/skirt.obj#Back", "it")
+    for scale in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match=r"^it scale is .*; allowed is a finite number from 1e-06"):
+            load_mesh(str(file), "it", scale)
     (tmp_path / "odd#Front").mkdir()
     odd = tmp_path / "odd#Front" / "shirt#2.obj"
     odd.write_text(SHIRT)

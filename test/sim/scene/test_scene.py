@@ -23,6 +23,7 @@ from cloth_sim_ros.sim import (
 )
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
+SHEET = Scene({"sheet": Cloth(resolution=(2, 2))})
 BAD = {
     "resolution 1x1": (lambda: Cloth(resolution=(1, 1)), "Cloth.resolution"),
     "resolution too large": (lambda: Cloth(resolution=(100000, 100000)), "100000"),
@@ -54,10 +55,11 @@ BAD = {
     ),
     "mesh beyond its vertices": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, 3]]), "vertex 3"),
     "mesh of NaN": (lambda: Cloth.from_mesh(np.full((3, 3), np.nan), [[0, 1, 2]]), "finite"),
-    "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "no length"),
+    "rope of NaN": (lambda: Rope(points=[[0, 0, 0], [0, 0, np.nan]]), "Rope.points holds nan in row 1"),
+    "rope without length": (lambda: Rope(points=[[0, 0, 0], [0, 0, 0]]), "points 0 and 1 both at"),
     "cloth masses": (lambda: Cloth(resolution=(3, 3), particle_masses=[1.0] * 8), "9 finite masses"),
     "rope masses": (lambda: Rope(segments=2, particle_masses=[1.0, 1.0]), "3 finite masses"),
-    "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist_compliance"),
+    "turn without twist": (lambda: Rope(end_turn=1.0), "Rope.end_turn is 1 without twist; allowed"),
     "twist on a winch": (
         lambda: Rope(winch=Winch(), bend_compliance=1.0, twist_compliance=1.0),
         "Rope.twist_compliance is set for a rope on a winch",
@@ -83,6 +85,7 @@ BAD = {
     "reserved name": (lambda: Scene({"wind": Rope()}), "'wind'"),
     "not an object": (lambda: Scene({"a": Sphere()}), "Cloth or a Rope"),
     "device": (lambda: Simulation(Scene(), device="cuda:99"), "cuda:99"),
+    "no such handle": (lambda: Simulation(SHEET, device="cpu").attach("hand"), "none, as the scene has none"),
     "no scene": (lambda: Simulation({}), "a Scene"),
     "no settings": (lambda: Simulation(Scene(), {"error": 1e-3}), "a Settings"),
     "vertex before the first": (lambda: Cloth.from_mesh(np.eye(3), [[0, 1, -1]]), "vertex -1"),
