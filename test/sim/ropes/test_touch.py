@@ -246,3 +246,19 @@ def test_a_rope_rests_on_a_bar_that_is_felt_between_its_particles(device, subste
     before = sim.positions("rope").copy()
     sim.step(50)
     assert np.abs(sim.positions("rope") - before)[:, 2].max() < 2e-5
+
+
+@pytest.mark.parametrize(
+    ("material", "segments", "height"),
+    [("climbing rope", 2, 0.95), ("rubber hose", 4, 0.6), ("climbing rope", 32, 1.3)],
+)
+def test_a_rope_that_falls_flat_does_not_rebound(device, material, segments, height):
+    """Contact has no restitution, as for cloth."""
+    rope = Rope.of(material, segments=segments, pins="none", start=(-0.5, 0, height), end=(0.5, 0, height))
+    sim = Simulation(Scene({"rope": rope}, {"floor": Plane()}), device=device)
+    heights = []
+    for _ in range(120):
+        sim.step()
+        heights.append(sim.positions("rope")[:, 2].max() - rope.radius)
+    landed = next(k for k, z in enumerate(heights) if z < 0.05 * height)
+    assert max(heights[landed:]) < 0.08 * height

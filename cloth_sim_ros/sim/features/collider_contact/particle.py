@@ -248,6 +248,30 @@ def _make_leave(features: Features):
     return leave
 
 
+def _make_pushed(features: Features):
+    """Return a Warp function: a Push with one more collider, for the past that BDF2 keeps of a particle's motion.
+
+    What a rope leans on within its solve counts only as it is hit: the particle came nearer by more than half of what
+    it is pressed back. Else it would rebound at half its speed, pressed once more by the force that the solve carries.
+    """
+
+    @wp.func
+    def pushed(
+        push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entry: int, leaned: bool, met: Met, ctx: Context
+    ) -> Push:
+        if wp.static(features.leans):
+            if leaned:
+                v = xyz(load_row(met.velocities, met.slot))
+                past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
+                if wp.dot(motion - past, normal) <= 0.5 * pressed:
+                    return push
+        if wp.static(features.order == 2):
+            return with_push(push, normal, pressed, motion, entry)
+        return push
+
+    return pushed
+
+
 def make_touch(features: Features):
     """Return a Warp function that keeps particle i outside all colliders, with friction.
 
@@ -255,7 +279,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
-    turn_at = _make_turn_at(features)
+    turn_at, pushed_on = _make_turn_at(features), _make_pushed(features)
     least, is_squeezed, has_touched = least_mass(features), make_is_squeezed(features), make_has_touched(features)
 
     @wp.func
@@ -316,9 +340,8 @@ def make_touch(features: Features):
                     if stray:
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)
-                    # What a rope leans on within its solve does not break its past off.
-                    if wp.static(features.order == 2) and not (wp.static(leans) and acted and met.carries):
-                        push = with_push(push, wp.transpose(sweep.to_local) * n, pressed, sweep.motion, entry)
+                    normal, leaned = wp.transpose(sweep.to_local) * n, acted and met.carries
+                    push = pushed_on(push, normal, pressed, sweep.motion, entry, leaned, met, ctx)
             if wp.static(leans):
                 store_row(met.contacts, entry, pack(step.inverse_square * after, touch))
             elif step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
