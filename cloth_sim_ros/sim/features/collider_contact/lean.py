@@ -28,10 +28,10 @@ from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
-from cloth_sim_ros.sim.physics.integrate import Step
 
 RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
-# In a shorter one R falls with its square. A rounding error of a gap then makes the same force, not ever more.
+# In a shorter one R falls with its square, as a rounding error of a gap would make ever more force, but a contact stays
+# as stiff as a segment of its rope. What a softer one leaves, the stage behind would press into the rope as energy.
 SHORT = wp.constant(1.0e-4)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
@@ -39,10 +39,12 @@ ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the d
 
 
 @wp.func
-def ratio_of(step: Step) -> float:
-    """Return R in a substep."""
-    share = wp.min(step.effective / SHORT, 1.0)
-    return RATIO * share * share
+def ratio_of(k: int, w: float, ctx: Context) -> float:
+    """Return R of a point of inverse mass w [1/kg] at segment k of a rope, or at its last particle k."""
+    segment = ctx.body.segments + wp.min(k, ctx.body.count - 2)
+    share = wp.min(ctx.step.effective / SHORT, 1.0)
+    yields = ctx.material.compliance[0] * ctx.model.segment_length[segment] * ctx.step.inverse_square
+    return wp.min(RATIO, wp.max(RATIO * share * share, w / wp.max(yields, 1.0e-20)))
 
 
 @wp.func
@@ -185,10 +187,7 @@ def augmented(
     if pressed < -slack:
         return wp.vec4(0.0)
     rub, cone = (before - wp.dot(before, n) * n) - ratio * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
-    most = friction[0] * cone
-    if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
-        most = slack
-    if wp.length(rub) <= most:
+    if wp.length(rub) <= friction[0] * cone:
         return pack(pressed * n + rub, 2.0)
     rubbed = friction[1] * cone / wp.length(rub)
     # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
@@ -243,7 +242,7 @@ def make_lean(features: Features):
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                ratio, friction = ratio_of(ctx.step), friction_of(collider, turn, ctx)
+                ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
                 found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
@@ -299,7 +298,7 @@ def make_lean_between(features: Features):
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        ratio, solved = ratio_of(ctx.step), _solved_between(k, ctx)
+        solved = _solved_between(k, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
@@ -311,7 +310,7 @@ def make_lean_between(features: Features):
                 collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
                 facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, press.weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
-                apart = pace(collider, ctx.step)
+                apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
                 met[3] += NOISE  # as in surface.py
                 local = sweep.to_local * press.normal

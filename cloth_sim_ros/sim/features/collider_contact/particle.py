@@ -173,7 +173,7 @@ def _make_before(features: Features):
                 softness = met.colliders[c].compliance * ctx.step.inverse_square / w
                 to_local = met.sweeps[met.first_sweep + c].to_local
                 local = wp.transpose(to_local) * before
-                hold = slope_of(xyz(leaned), ratio_of(ctx.step), softness, leaned[3], local)
+                hold = slope_of(xyz(leaned), ratio_of(i, w, ctx), softness, leaned[3], local)
                 before -= to_local * (hold * u)
         elif not ctx.step.first:
             before = xyz(load_row(met.contacts, entry))
