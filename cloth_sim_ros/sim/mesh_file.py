@@ -84,12 +84,12 @@ def _found(path: str, parameter: str, scale: float) -> Read:
     if isinstance(found, str):
         raise ValueError(f"{parameter} is {shown(path)}, which {found}")
     if found[2]:
-        _tell(f"{parameter} is {shown(path)}, which {found[2]}")
+        tell_once(f"{parameter} is {shown(path)}, which {found[2]}")
     return found
 
 
 @lru_cache(maxsize=1024)
-def _tell(sentence: str) -> None:
+def tell_once(sentence: str) -> None:
     """Log a sentence once, as a scene is checked whenever a parameter is set."""
     _LOG.warning(sentence)
 

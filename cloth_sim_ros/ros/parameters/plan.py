@@ -17,7 +17,7 @@ from cloth_sim_ros.ros.inputs.robot import GROUP, read_robot
 from cloth_sim_ros.sim import Cloth, Gripper, Handle, Plane, Rope, Scene, Seam, Settings, Winch, Wind
 from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.mesh_file import load_mesh
+from cloth_sim_ros.sim.mesh_file import load_mesh, tell_once
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
 from cloth_sim_ros.sim.scene.forces import FORCES, Force
 from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
@@ -174,7 +174,8 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
 def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
     """Points (segments + 1, 3) [m] at equal distances along straight lines between corners, x y z of each in `path`.
 
-    Raises ValueError where there are fewer than two corners, or one has not three numbers or repeats the one before.
+    The log tells once if that cuts corners so that it is shorter by more than a hundredth. Raises ValueError where
+    there are fewer than two corners, or one has not three numbers or repeats the one before.
     """
     if len(path) % 3 or len(path) < 6:
         raise ValueError(f"{name} has {len(path)} numbers; allowed are x y z of two corners or more")
@@ -185,7 +186,12 @@ def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
         raise ValueError(f"{name} has the corner {corners[at].tolist()} twice in a row; allowed are corners apart")
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     wanted = np.linspace(0.0, along[-1], segments + 1)
-    return np.stack([np.interp(wanted, along, axis) for axis in corners.T], axis=1)
+    points = np.stack([np.interp(wanted, along, axis) for axis in corners.T], axis=1)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    if length < 0.99 * along[-1]:
+        cut = f"{segments} segments along it cut its corners and have {length:.3g} m"
+        tell_once(f"{name} is {along[-1]:.3g} m long, but {cut}; more segments follow it")
+    return points
 
 
 def make_collider(values: Values, name: str) -> Collider:

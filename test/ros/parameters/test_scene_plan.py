@@ -172,6 +172,16 @@ def test_a_path_lays_a_rope_along_its_corners():
     assert masses[0] == pytest.approx(masses[1])
 
 
+def test_a_path_whose_corners_the_segments_cut_is_told_once(caplog):
+    corners = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0)
+    for segments in (2, 2, 3, 60):
+        plan = make_plan(values(line__path=corners, line__segments=segments))
+        assert not plan.problems and plan.scene.objects["line"].segments == segments
+    assert caplog.messages == [
+        "line.path is 3 m long, but 2 segments along it cut its corners and have 2.24 m; more segments follow it"
+    ]
+
+
 @pytest.mark.parametrize(
     ("path", "said"),
     [
