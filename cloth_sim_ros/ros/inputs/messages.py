@@ -49,7 +49,7 @@ def read_marker(marker: Marker, frames: Frames) -> Collider:
         if marker.type == Marker.CYLINDER and abs(x - y) <= ROUND * max(x, y):
             return Cylinder(radius=x / 2, half_length=z / 2, **place)
     except ValueError as error:
-        raise Refused("size", f"{name_of(marker)}: {error}") from None
+        raise Refused("size", f"{name_of(marker)} has the scale {x:g} {y:g} {z:g}: {error}") from None
     raise Refused(
         "shape",
         f"{name_of(marker)} is of type {marker.type} and scale {x:g} {y:g} {z:g}; allowed are cubes, and spheres and "
