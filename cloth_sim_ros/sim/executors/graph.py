@@ -91,9 +91,11 @@ class Graph:
             self._frames.pop(next(iter(self._frames)))
         frame, device = self._launches(*settings), self._members[0].device
         _run(frame)
-        with wp.ScopedCapture(device=device) as capture:
-            _run(frame)
-        self._frames[settings] = capture.graph
+        if device.is_cuda:  # a capture of a CPU would take what other threads launch meanwhile
+            with wp.ScopedCapture(device=device) as capture:
+                _run(frame)
+            frame = capture.graph
+        self._frames[settings] = frame
 
     def _launches(self, substeps: int, iterations: int) -> list[Launch]:
         frame: list[Launch] = []
