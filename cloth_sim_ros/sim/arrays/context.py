@@ -39,3 +39,9 @@ class Context:
     sweep: int  # where the motion of its first collider in this substep lies in ContactState.sweeps
     group: int  # round of lines
     last: bool  # last iteration
+
+
+@wp.func
+def note_work(searches: int, ctx: Context):
+    """Count work that depends on the motion, in searches of a facet; its cost bounds the substeps (see prices.py)."""
+    wp.atomic_add(ctx.state.control.since, ctx.body.index, wp.vec4i(0, 0, searches, 0))

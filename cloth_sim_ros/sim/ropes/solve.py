@@ -7,10 +7,9 @@ contacts are found as they are. The other forces, which `targets` contain, act w
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of
-from cloth_sim_ros.sim.features.collider_contact.facet_clamp import note_searches
 from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
 from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -215,7 +214,7 @@ def _make_settle_contacts(features: Features, threads: int):
 def note_steps(t: int, steps: int, ctx: Context):
     """Count Newton steps beyond the first one, which the budget has to pay."""
     if t == 0 and steps > 1:
-        note_searches(int(SEARCHES * float((steps - 1) * ctx.body.count)), ctx)
+        note_work(int(SEARCHES * float((steps - 1) * ctx.body.count)), ctx)
 
 
 def make_solve(features: Features, threads: int):

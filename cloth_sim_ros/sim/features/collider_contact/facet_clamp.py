@@ -9,7 +9,7 @@ the facet touches it first.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_width
@@ -40,12 +40,6 @@ def mark(corners: wp.vec3i, bit: int, ctx: Context):
     for k in range(3):
         slot = ctx.body.particles + corners[k]
         ctx.state.contact.pressed[slot] = ctx.state.contact.pressed[slot] | bit
-
-
-@wp.func
-def note_searches(count: int, ctx: Context):
-    """Count searches and presses of facets, or as much other work, whose cost bounds the substeps (see prices.py)."""
-    wp.atomic_add(ctx.state.control.since, ctx.body.index, wp.vec4i(0, 0, count, 0))
 
 
 @wp.func
@@ -92,7 +86,7 @@ def _make_given_up(shapes: tuple[str, ...]):
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)
-            note_searches(1, ctx)
+            note_work(1, ctx)
             # Rounding alone must not let a facet in that was stopped at the surface.
             if (count == 0 and found.value <= -NOISE) or left * way < found.value:
                 return none

@@ -7,7 +7,7 @@ order of facets does not matter, so all run in parallel.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_is_beyond
@@ -26,7 +26,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet import (
     point_of,
     slip_at,
 )
-from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark, note_searches
+from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corners_of,
     facet_of,
@@ -151,7 +151,7 @@ def make_touched_in(features: Features):
             known = look.weights
         off = wp.where(look.known == 1, look.value - moved - way, 0.0)
         touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
-        note_searches((touch.searches + 2) / 3, ctx)  # farther off they cost less
+        note_work((touch.searches + 2) / 3, ctx)  # farther off they cost less
         found = touch.deepest
         if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
             if wp.max(known) == 0.0:
@@ -373,7 +373,7 @@ def make_press(features: Features):
                 while c < colliders:
                     entry = k * colliders + c
                     if presses(corners, entry, c, ctx):
-                        note_searches(1, ctx)
+                        note_work(1, ctx)
                         note(c, near)
                         mark(corners, PRESSED, ctx)
                     elif ctx.state.contact.presses[entry].when == ctx.substep:
