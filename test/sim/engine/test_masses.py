@@ -78,7 +78,7 @@ def test_a_mass_that_is_set_is_that_of_a_scene_built_with_it(device, settings, p
     assert all(np.abs(a - b).max() <= (0.0 if explicit else 1e-4) for a, b in sheets)
     assert equal(states(told)[2:], states(built)[2:])
     for name, found in built.report().items():
-        assert told.report()[name]["kinetic_energy"] == pytest.approx(found["kinetic_energy"], rel=1e-5)
+        assert told.report()[name]["kinetic_energy"] == pytest.approx(found["kinetic_energy"], rel=1e-4)
     assert told.choices.keys() == built.choices.keys()
     for name, choice in built.choices.items():
         assert told.choices[name].bending_share == pytest.approx(choice.bending_share, rel=1e-5)
