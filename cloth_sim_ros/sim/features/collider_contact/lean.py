@@ -30,9 +30,10 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_ro
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
-# In a shorter one R falls with its square, as a rounding error of a gap would make ever more force, but a contact stays
-# as stiff as a segment of its rope. What a softer one leaves, the stage behind would press into the rope as energy.
-SHORT = wp.constant(1.0e-4)
+# In a shorter one R falls with its square, as a rounding error of a gap would make ever more force. Below LEAST,
+# contacts would open and close, and lose their friction. Nor is a contact softer than a segment of its rope. What a
+# softer one leaves, the stage behind would press into the rope as energy.
+SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
@@ -44,7 +45,7 @@ def ratio_of(k: int, w: float, ctx: Context) -> float:
     segment = ctx.body.segments + wp.min(k, ctx.body.count - 2)
     share = wp.min(ctx.step.effective / SHORT, 1.0)
     yields = ctx.material.compliance[0] * ctx.model.segment_length[segment] * ctx.step.inverse_square
-    return wp.min(RATIO, wp.max(RATIO * share * share, w / wp.max(yields, 1.0e-20)))
+    return wp.min(RATIO, wp.max(wp.max(RATIO * share * share, LEAST), w / wp.max(yields, 1.0e-20)))
 
 
 @wp.func
