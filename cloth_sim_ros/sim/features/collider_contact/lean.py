@@ -188,7 +188,10 @@ def augmented(
     if pressed < -slack:
         return wp.vec4(0.0)
     rub, cone = (before - wp.dot(before, n) * n) - ratio * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
-    if wp.length(rub) <= friction[0] * cone:
+    most = friction[0] * cone
+    if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
+        most = slack
+    if wp.length(rub) <= most:
         return pack(pressed * n + rub, 2.0)
     rubbed = friction[1] * cone / wp.length(rub)
     # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
