@@ -4,7 +4,7 @@
 A new shape is a file with its class, and a line in SHAPES. Other packages may add shapes (docs/how-to/extending.md).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import warp as wp
 
@@ -63,16 +63,21 @@ def make_signed_distance(present: tuple[str, ...]):
     return chosen
 
 
+def _of_those_with(attribute: str, present: tuple[str, ...], add: Callable) -> wp.Function | None:
+    """A Warp function that `add(others, name)` builds up from the shapes that have an attribute; None if none has."""
+    chosen = None
+    for name in present:
+        if getattr(SHAPES[name], attribute) is not None:
+            chosen = add(chosen, name)
+    return chosen
+
+
 def make_is_beyond(present: tuple[str, ...]):
     """Make a Warp function (shape, p, distance, data): True if a quick bound shows p farther than `distance` [m].
 
     Returns None if no shape in `present` is slow to compute.
     """
-    chosen = None
-    for name in present:
-        if SHAPES[name].at_least is not None:
-            chosen = _or_beyond(chosen, name)
-    return chosen
+    return _of_those_with("at_least", present, _or_beyond)
 
 
 def _or_beyond(others, name: str):
@@ -94,11 +99,7 @@ def make_width(present: tuple[str, ...]):
 
     Returns None if all shapes in `present` are convex.
     """
-    chosen = None
-    for name in present:
-        if SHAPES[name].width is not None:
-            chosen = _or_wide(chosen, name)
-    return chosen
+    return _of_those_with("width", present, _or_wide)
 
 
 def _or_wide(others, name: str):
@@ -120,11 +121,7 @@ def make_formula(present: tuple[str, ...]):
 
     Returns None if no shape in `present` has a formula.
     """
-    chosen = None
-    for name in present:
-        if SHAPES[name].deepest is not None:
-            chosen = _or_formula(chosen, name)
-    return chosen
+    return _of_those_with("deepest", present, _or_formula)
 
 
 def _or_formula(others, name: str):
