@@ -13,7 +13,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
-from cloth_sim_ros.sim.executors.shared_history import copy_history, with_history_at
+from cloth_sim_ros.sim.executors.shared_history import copy_history, scratch_at, with_history_at
 from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_block, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
@@ -28,6 +28,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
     sync,
 )
 from cloth_sim_ros.sim.program import Program, make_begin, make_enter, make_program
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
 _ROPE = 256  # largest number of threads of a rope, of which two eliminate
 _LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; contact needs too many registers for more
@@ -59,8 +60,7 @@ class Block:
         inputs, threads = [gathered(worlds, device)], bodies * block
         if blocks == 1:
             fits = not device.is_cpu and largest <= capacity(device, features)
-            shared = -(-largest // 64) * 64 if fits else 0
-            kernel = make_frame(features, shared, block, shared_memory(device))
+            kernel = make_frame(features, _room_for(features, largest) if fits else 0, block, shared_memory(device))
         else:
             kernel, group = (
                 make_spread_frame(features, block),
@@ -87,6 +87,11 @@ def threads_for(features: Features, largest: int, device: wp.Device) -> int:
     elif features.method == "xpbd":
         work = max(128, largest // features.line_slots)
     return min(most, -(-work // 32) * 32)
+
+
+def _room_for(features: Features, largest: int) -> int:
+    """Number of particles in shared memory for a body of `largest`; few numbers, as each is a kernel of its own."""
+    return -(-(largest - 1) // 64) * 64 + 1 if features.chain else -(-largest // 64) * 64
 
 
 def blocks_for(largest: int, bodies: int, device: wp.Device) -> tuple[int, int]:
@@ -223,9 +228,13 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
     tile_size = (3 if all_shared else 2) * shared
     tile_address = make_tile_address(tile_size) if shared else None
     # Velocities and the history of order 2 are 10 floats a particle; a rope would fetch them from afar every substep.
-    history = 5 * shared // 2 if all_shared and features.chain and features.order == 2 else 0
+    # It would do so with each number of its solve, too.
+    history = -(-5 * shared // 2) if all_shared and features.chain and features.order == 2 else 0
     history = history if 16 * (tile_size + history) <= most_shared else 0
     history_address = make_tile_address(history) if history else None
+    scratch = -(-NUMBERS * (shared + 3) // 2) if all_shared and features.chain else 0
+    scratch = scratch if 16 * (tile_size + history + scratch) <= most_shared else 0
+    scratch_address = make_tile_address(scratch) if scratch else None
 
     @wp.func
     def load(t: int, home: Context) -> Context:
@@ -251,6 +260,9 @@ def _make_memory(features: Features, shared: int, block: int, most_shared: int):
             ctx.state = with_history_at(begin, wp.static(shared), ctx.body, home.state)
             for i in range(t, ctx.body.count, wp.static(block)):
                 copy_history(ctx.body.particles + i, home.state, ctx.state)
+        if wp.static(scratch > 0):
+            place = scratch_address(wp.tile_empty(shape=(wp.static(scratch),), dtype=wp.vec4, storage="shared"))
+            ctx.state.rope.scratch = scratch_at(place, ctx.body)
         return ctx
 
     @wp.func

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Velocities and the history of order 2 in shared memory, for a body that lives there."""
+"""Velocities, the history of order 2 and the solve of a rope in shared memory, for a body that lives there."""
 
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Body
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 
 
 @wp.func
@@ -24,6 +25,14 @@ def with_history_at(begin: wp.uint64, capacity: int, body: Body, s: State) -> St
     begin += wp.uint64(12) * room
     ctx.last_displacements = wp.array(ptr=begin - wp.uint64(12) * skipped, shape=(end,), dtype=wp.vec3)
     return ctx
+
+
+@wp.func
+def scratch_at(begin: wp.uint64, body: Body) -> wp.array(dtype=wp.float64):
+    """Return the scratch of the solve of one rope at address `begin`; indices count through the batch."""
+    skipped = NUMBERS * (body.particles + 3 * body.index)
+    end = skipped + NUMBERS * (body.count + 3)
+    return wp.array(ptr=begin - wp.uint64(8) * wp.uint64(skipped), shape=(end,), dtype=wp.float64)
 
 
 @wp.func

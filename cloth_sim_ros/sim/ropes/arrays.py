@@ -5,7 +5,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 
-NUMBERS = 70  # float64 of scratch for each particle, see rows.h
+NUMBERS = 71  # float64 of scratch for each particle, see rows.h
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"tensions": "segment", "moments": "segment"}

@@ -23,15 +23,20 @@ auto weight_of = [&](int j, int place) {
     return place == 0 ? before : (place == 1 ? -(before + behind) : behind);
 };
 for (int i = first + t; i < count + 3; i += threads) {
-    double* to = row(i) + DIAGONAL;
-    for (int c = 0; c < 21; ++c) to[c] = 0.0;
+    // The row is stored once at its end, as a GPU would wait for each number that is added to in memory.
+    double to[6] = {}, one[6] = {}, two[6] = {}, right[3] = {};
+    auto store = [&]() {
+        double* place = row(i);
+        for (int c = 0; c < 6; ++c) place[DIAGONAL + c] = to[c], place[FIRST + c] = one[c], place[SECOND + c] = two[c];
+        for (int c = 0; c < 3; ++c) place[RIGHT + c] = right[c];
+    };
     const double w = i < count ? moves[i].v[3] : 0.0;
     if (w == 0.0) {
         for (int c = 0; c < 3; ++c) to[c] = 1.0;
+        store();
         continue;
     }
-    const double mass = 1.0 / w, *diagonal = to;
-    double *right = row(i) + RIGHT, *one = row(i) + FIRST, *two = row(i) + SECOND;
+    const double mass = 1.0 / w;
     const bool after = i > first && moves[i - 1].v[3] > 0.0f, beyond = i > first + 1 && moves[i - 2].v[3] > 0.0f;
     const int g = particles + i;
     for (int c = 0; c < 3; ++c) {
@@ -93,4 +98,5 @@ for (int i = first + t; i < count + 3; i += threads) {
         if (place > 0 && after) add_joint(j, own * weight_of(j, place - 1), one);
         if (place > 1 && beyond) add_joint(j, own * weight_of(j, 0), two);
     }
+    store();
 }

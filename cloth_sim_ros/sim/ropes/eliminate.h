@@ -6,6 +6,8 @@ const int rows = (count - first) + (count - first) % 2, steps = rows / 2 - 1;
 #if defined(__CUDA_ARCH__)
 typedef double Num;
 const bool sided = t < 2;
+// Kernels of a GPU have no fused operations but these.
+auto less = [](double from, double a, double b) { return fma(-a, b, from); };
 auto wait = [] { __syncthreads(); };
 auto load = [&](int s, int which) { return row(t == 0 ? s : rows - 1 - s)[which]; };
 auto store = [&](int s, int which, double v) { row(t == 0 ? s : rows - 1 - s)[which] = v; };
@@ -14,6 +16,7 @@ auto coupled = [&](int s, int behind, int which) { return row(t == 0 ? s : rows 
 #else
 typedef double Num __attribute__((ext_vector_type(2)));
 const bool sided = true;
+auto less = [](auto from, auto a, auto b) { return from - a * b; };
 auto wait = [] {};
 auto load = [&](int s, int which) { return Num{row(s)[which], row(rows - 1 - s)[which]}; };
 auto store = [&](int s, int which, Num v) { row(s)[which] = v[0]; row(rows - 1 - s)[which] = v[1]; };
@@ -24,40 +27,40 @@ auto place_of = [](int a, int b) { return a == b ? a : a + b + 2; };
 auto full = [&](const auto* s, auto* to) {
     for (int k = 0; k < 9; ++k) to[k] = s[place_of(k / 3, k % 3)];
 };
-auto subtract_transposed = [](const auto* m, const auto* n, auto* from) {  // from -= m n^T
+auto subtract_transposed = [&](const auto* m, const auto* n, auto* from) {  // from -= m n^T
     for (int k = 0; k < 9; ++k)
-        from[k] = from[k] - m[k / 3 * 3] * n[k % 3 * 3] - m[k / 3 * 3 + 1] * n[k % 3 * 3 + 1] - m[k / 3 * 3 + 2] * n[k % 3 * 3 + 2];
+        for (int i = 0; i < 3; ++i) from[k] = less(from[k], m[k / 3 * 3 + i], n[k % 3 * 3 + i]);
 };
-auto subtract_symmetric = [](const auto* m, const auto* n, auto* from) {  // the same if the product is symmetric
+auto subtract_symmetric = [&](const auto* m, const auto* n, auto* from) {  // the same if the product is symmetric
     for (int c = 0; c < 6; ++c) {
         const int a = 3 * (c < 3 ? c : (c == 5 ? 1 : 0)), b = 3 * (c < 3 ? c : (c == 3 ? 1 : 2));
-        from[c] = from[c] - m[a] * n[b] - m[a + 1] * n[b + 1] - m[a + 2] * n[b + 2];
+        for (int i = 0; i < 3; ++i) from[c] = less(from[c], m[a + i], n[b + i]);
     }
 };
-auto subtract_product = [](const auto* m, const auto* v, auto* from) {
-    for (int a = 0; a < 3; ++a) from[a] = from[a] - m[3 * a] * v[0] - m[3 * a + 1] * v[1] - m[3 * a + 2] * v[2];
+auto subtract_product = [&](const auto* m, const auto* v, auto* from) {
+    for (int a = 0; a < 9; ++a) from[a / 3] = less(from[a / 3], m[a], v[a % 3]);
 };
-auto subtract_turned = [](const auto* m, const auto* v, auto* from) {  // by the transpose of m
-    for (int a = 0; a < 3; ++a) from[a] = from[a] - m[a] * v[0] - m[3 + a] * v[1] - m[6 + a] * v[2];
+auto subtract_turned = [&](const auto* m, const auto* v, auto* from) {  // by the transpose of m
+    for (int a = 0; a < 9; ++a) from[a / 3] = less(from[a / 3], m[a % 3 * 3 + a / 3], v[a % 3]);
 };
 // The factors L D L^T of a symmetric block, with 1 / D on the diagonal. An explicit inverse would lose what masses add
 // to stiff segments.
-auto factor = [](const auto* m, auto* to) {
+auto factor = [&](const auto* m, auto* to) {
     to[0] = 1.0 / m[0];
     to[3] = m[3] * to[0];
     to[4] = m[4] * to[0];
-    const auto beside = m[5] - to[4] * m[3];
-    to[1] = 1.0 / (m[1] - to[3] * m[3]);
+    const auto beside = less(m[5], to[4], m[3]);
+    to[1] = 1.0 / less(m[1], to[3], m[3]);
     to[5] = beside * to[1];
-    to[2] = 1.0 / (m[2] - to[4] * m[4] - to[5] * beside);
+    to[2] = 1.0 / less(less(m[2], to[4], m[4]), to[5], beside);
 };
-auto solve = [](const auto* v, const auto* f, auto* to) {  // v times the inverse of that block
+auto solve = [&](const auto* v, const auto* f, auto* to) {  // v times the inverse of that block
     to[0] = v[0];
-    to[1] = v[1] - f[3] * to[0];
-    to[2] = v[2] - f[4] * to[0] - f[5] * to[1];
+    to[1] = less(v[1], f[3], to[0]);
+    to[2] = less(less(v[2], f[4], to[0]), f[5], to[1]);
     to[2] = to[2] * f[2];
-    to[1] = to[1] * f[1] - f[5] * to[2];
-    to[0] = to[0] * f[0] - f[3] * to[1] - f[4] * to[2];
+    to[1] = less(to[1] * f[1], f[5], to[2]);
+    to[0] = less(less(to[0] * f[0], f[3], to[1]), f[4], to[2]);
 };
 auto solve_rows = [&](const auto* m, const auto* f, auto* to) {
     for (int a = 0; a < 9; a += 3) solve(m + a, f, to + a);

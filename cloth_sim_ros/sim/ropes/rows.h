@@ -12,7 +12,9 @@ enum {
     // and its right side.
     DIAGONAL = MOMENT + 3, FIRST = DIAGONAL + 6, SECOND = FIRST + 6, RIGHT = SECOND + 6,
     // The row after elimination: its two blocks in L, the factors of its block in D, its right side, and the move.
-    LOWER = RIGHT + 3, LOWEST = LOWER + 9, FACTORS = LOWEST + 9, DONE = FACTORS + 6, MOVE = DONE + 3, NUMBERS = MOVE + 3,
+    LOWER = RIGHT + 3, LOWEST = LOWER + 9, FACTORS = LOWEST + 9, DONE = FACTORS + 6, MOVE = DONE + 3,
+    // An odd number, so that threads of a GPU that take a particle each use different banks of shared memory.
+    NUMBERS = MOVE + 4,
 };
 double* area = scratch.data + (size_t)NUMBERS * (particles + 3 * body);
 auto row = [&](int i) { return area + (size_t)NUMBERS * i; };
