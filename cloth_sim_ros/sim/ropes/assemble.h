@@ -2,21 +2,22 @@
 // Fill the rows of the matrix and its right side; rows behind the last particle move nothing.
 struct Place { float v[4]; };
 const Place* moves = (const Place*)d;
-auto add_edge = [&](int k, double sign, double* to) {  // the stiffness of segment k
-    const double* n = row(k) + NORMAL;
-    const double across = sign * row(k)[ACROSS], more = sign * row(k)[ALONG] - across;
+// across I + along v v^T
+auto fill = [](double across, double along, const double* v, double* to) {
     for (int c = 0; c < 6; ++c) {
         const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
-        to[c] += more * n[a] * n[b] + (c < 3 ? across : 0.0);
+        to[c] = along * v[a] * v[b] + (c < 3 ? across : 0.0);
     }
 };
-auto add_joint = [&](int j, double weight, double* to) {  // the stiffness of joint j between two of its particles
-    const double* k = row(j) + BEND;
-    const double stiff = weight * row(j)[STIFF], across = stiff * row(j)[SHARE];
-    for (int c = 0; c < 6; ++c) {
-        const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
-        to[c] += (row(j)[SHARE] < 1.0 ? (stiff - across) * k[a] * k[b] : 0.0) + (c < 3 ? across : 0.0);
-    }
+auto fill_edge = [&](int k, double* to) {  // the stiffness of segment k
+    fill(row(k)[ACROSS], row(k)[ALONG] - row(k)[ACROSS], row(k) + NORMAL, to);
+};
+auto fill_joint = [&](int j, double* to) {  // the stiffness of joint j
+    const double across = row(j)[STIFF] * row(j)[SHARE];
+    fill(across, row(j)[SHARE] < 1.0 ? row(j)[STIFF] - across : 0.0, row(j) + BEND, to);
+};
+auto add = [](double weight, const double* m, double* to) {
+    for (int c = 0; c < 6; ++c) to[c] += weight * m[c];
 };
 auto weight_of = [&](int j, int place) {
     const double before = row(j)[BEFORE], behind = row(j)[BEHIND];
@@ -57,14 +58,17 @@ for (int i = first + t; i < count + 3; i += threads) {
         to[4] += mass * hold.data[0][2];
         to[5] += mass * hold.data[1][2];
     }
+    double stiffness[6];
     if (i + 1 < count) {
-        add_edge(i, 1.0, to);
+        fill_edge(i, stiffness);
+        add(1.0, stiffness, to);
         for (int c = 0; c < 3; ++c) right[c] += row(i)[PULL] * row(i)[NORMAL + c];
     }
     if (i > first) {
-        add_edge(i - 1, 1.0, to);
+        fill_edge(i - 1, stiffness);
+        add(1.0, stiffness, to);
         for (int c = 0; c < 3; ++c) right[c] -= row(i - 1)[PULL] * row(i - 1)[NORMAL + c];
-        if (after) add_edge(i - 1, -1.0, one);
+        if (after) add(-1.0, stiffness, one);
     }
     // Colliders between particles; the point of segment k lies between i and i + 1, or i - 1 and i.
     for (int k = i - 1; segment_pushes.shape[0] > 0 && k <= i; ++k) {
@@ -93,10 +97,11 @@ for (int i = first + t; i < count + 3; i += threads) {
         const int j = i - place;
         if (j < first || j > count - 3) continue;
         const double own = weight_of(j, place);
-        add_joint(j, own * own, to);
+        fill_joint(j, stiffness);
+        add(own * own, stiffness, to);
         for (int c = 0; c < 3; ++c) right[c] -= own * row(j)[MOMENT + c];
-        if (place > 0 && after) add_joint(j, own * weight_of(j, place - 1), one);
-        if (place > 1 && beyond) add_joint(j, own * weight_of(j, 0), two);
+        if (place > 0 && after) add(own * weight_of(j, place - 1), stiffness, one);
+        if (place > 1 && beyond) add(own * weight_of(j, 0), stiffness, two);
     }
     store();
 }
