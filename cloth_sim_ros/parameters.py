@@ -97,7 +97,7 @@ SOLVER = (
         1e-6,
         1,
     ),
-    number("budget", 0.5, "Share of real time that the substeps chosen for one object may take.", "", 1e-3, 1e4),
+    number("budget", 0.5, "Share of real time that the substeps chosen for all objects may take.", "", 1e-3, 1e4),
     Parameter(
         "sleep", "bool", True, "Whether an object at rest is not computed until something around it changes.", live=True
     ),

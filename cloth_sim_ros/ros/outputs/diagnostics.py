@@ -107,10 +107,10 @@ def _verdict(
 
 
 def _beyond_budget(world: World, pace: Pace) -> str:
-    """Return by how much a frame exceeds the budget of its objects, and what helps; "" where substeps are set."""
+    """Return by how much a frame exceeds its budget, and what helps; "" where substeps are set."""
     settings = world.sim.settings
-    budget = 1e3 * settings.budget * settings.frame_dt * len(world.sim.choices)
-    if settings.substeps or not budget or pace.ms_per_frame <= BEYOND * budget:
+    budget = 1e3 * settings.budget * settings.frame_dt
+    if settings.substeps or not world.sim.choices or pace.ms_per_frame <= BEYOND * budget:
         return ""
     times = pace.ms_per_frame / budget
     return f"; a frame takes {times:.1f} times solver.budget: a larger solver.error or coarser objects help"

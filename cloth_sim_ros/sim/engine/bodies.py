@@ -38,6 +38,7 @@ from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.scene.scene import Scene, kind_of
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import choose as choosing
+from cloth_sim_ros.sim.substeps import prices
 from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
 from cloth_sim_ros.sim.topology import Topology
@@ -92,6 +93,7 @@ class Bodies:
             found = stitches_of(name, seam, self.numbers_row[name], first, second)
             self._stitches.setdefault(seam.first, []).append(found)
         self.elastic = {name: self._sewn(name, topology) for name, topology in self.elastic.items()}
+        self._shares = self._share_budget()
         self._sharpest: dict[str, Collider] = {}
         self._disturbed = False  # whether the next frame wakes bodies at rest, apart from changed numbers
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
@@ -109,10 +111,7 @@ class Bodies:
 
     def choose(self, name: str, materials: Iterable[tuple[Sequence[float], float]], thickness: float) -> Choice:
         """Choose how to compute an object with these pairs of compliances and damping, and this least thickness."""
-        topology, rows = self.elastic[name], self.colliders.array.shape[1]
-        wind, coupled = self.scene.wind is not None, self._is_coupled(name)
-        device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
-        around = Surroundings(device, wind, rows, self.worlds, self.scene.spare_colliders > 0, coupled, gravity)
+        topology, around = self.elastic[name], replace(self._around(name), share=self._shares[name])
         choose = partial(choosing.choose, self.settings, topology, list(materials))
         choice = choose(around)
         entering = self._entering(topology, thickness, self.settings.frame_dt / choice.substeps)
@@ -124,6 +123,26 @@ class Bodies:
             choice = replace(choice, reason=f"{choice.reason}; colliders touch it between its particles too")
         scaled = "; its scale may differ between worlds" if name in self.scales else ""
         return replace(choice, reason=choice.reason + scaled)
+
+    def _around(self, name: str) -> Surroundings:
+        """What determines the cost of a substep of an object, apart from itself."""
+        device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
+        wind, colliders, spare = self.scene.wind is not None, self.colliders.array.shape[1], self.scene.spare_colliders
+        return Surroundings(device, wind, colliders, self.worlds, spare > 0, self._is_coupled(name), gravity)
+
+    def _share_budget(self) -> dict[str, float]:
+        """Share of the budget of each object. Those that advance in step count as one. A GPU runs objects side by side.
+
+        Errors that fall as 1/n add up to the least where time goes with the root of the price of a substep.
+        """
+        if not self.warp_device.is_cpu:
+            return dict.fromkeys(self.elastic, 1.0)
+        damped = {name: [((), thing.damping)] for name, thing in self.scene.objects.items()}
+        each = {name: prices.xpbd(topo, damped[name], self._around(name)) for name, topo in self.elastic.items()}
+        group = {name: "" if name in self.scene.sewn or self._is_coupled(name) else name for name in each}
+        whole = {key: sum(price for name, price in each.items() if group[name] == key) for key in set(group.values())}
+        total = sum(map(math.sqrt, whole.values()))
+        return {name: price / (math.sqrt(whole[group[name]]) * total) for name, price in each.items()}
 
     def _entering(self, topology: Topology, thickness: float, substep: float) -> set[str]:
         """Names of colliders that can come between particles, in substeps of length `substep` [s]."""
@@ -301,6 +320,7 @@ class Bodies:
         """Replace the description of `name` by one with as many particles; the object keeps its state."""
         self.elastic[name] = self._topology(name, thing, False)
         self.scene = replace(self.scene, objects={**self.scene.objects, name: thing})
+        self._shares = self._share_budget()
         self._build_around({each: self._choose_now(each) for each in self.batch})
 
     def _topology(self, name: str, thing: Cloth | Rope, direct_ropes: bool) -> Topology:
@@ -350,6 +370,8 @@ class Bodies:
         scaled, things = bool(other.scales or self.scales), other.scene.objects
         changed = {name: thing for name, thing in things.items() if scaled or thing is not self.scene.objects[name]}
         other.elastic = {**self.elastic, **{name: other._topology(name, changed[name], False) for name in changed}}
+        if changed:
+            other._shares = other._share_budget()
         if changed or any(choices[name].kernels != self.as_chosen[name].kernels for name in choices):
             other.build(choices)
         other.as_chosen = choices

@@ -124,7 +124,7 @@ def _xpbd(
     """Choose XPBD, with bounds of its substeps; limit: substeps that leapfrog needs without dashpots."""
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     price, fewest = iterations * prices.xpbd(topology, materials, around), _fewest(topology, around.coupled)
-    most = int(np.clip(1e3 * settings.budget * settings.frame_dt / price, fewest, _MOST))
+    most = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
     order = settings.order or (1 if most < smooth else 2)

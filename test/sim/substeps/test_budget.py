@@ -65,6 +65,25 @@ def test_contact_of_a_rope_takes_its_share_of_the_budget():
     assert 1.5 < substeps["far"] / substeps["across"] < 5.0
 
 
+def test_objects_share_the_budget():
+    """What each may take of the time that it had alone adds up to all of it, and what is cheap gets more substeps."""
+    things = {"cloth": sheet(), "one": Rope(start=(0, 0, 1)), "two": Rope(start=(0, 1, 1))}
+
+    def most(*names, **more):
+        scene = Scene({name: things[name] for name in names}, **more)
+        found = Simulation(scene, Settings(budget=0.05), device="cpu").choices
+        return np.array([found[name].most for name in names])
+
+    alone, together = np.concatenate([most(name) for name in things]), most(*things)
+    assert 0.95 < (together / alone).sum() <= 1.0
+    assert together[0] < together[1] == together[2]
+    coupled = most("one", "two", object_contact=True)
+    assert coupled[0] == coupled[1]
+    cloths = {"a": sheet(), "b": sheet(position=(1, 0, 0))}
+    pair = Simulation(Scene(cloths), Settings(budget=0.05), device="cpu").choices
+    assert pair["a"].most == pair["b"].most == pytest.approx(alone[0] / 2, abs=1)
+
+
 def test_a_budget_that_pays_for_contact_too_keeps_the_substeps():
     """The same contact costs no substeps where a thousand times as much may be spent."""
     sim = on_a_box(budget=100.0)
