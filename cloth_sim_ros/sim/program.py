@@ -38,7 +38,7 @@ from cloth_sim_ros.sim.features.constraints.solve import make_stages
 from cloth_sim_ros.sim.features.fault_recovery import find_fault, make_count, make_settle
 from cloth_sim_ros.sim.features.grasp.hold import feel, hold
 from cloth_sim_ros.sim.features.motion import make_finish, make_predict
-from cloth_sim_ros.sim.features.plate.bending import curve_triangle, damp, make_bend
+from cloth_sim_ros.sim.features.plate.bending import damp, make_bend, make_curve_triangle
 from cloth_sim_ros.sim.features.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
 from cloth_sim_ros.sim.features.twist.twist import ask_for, make_find_twist, push_by_couples
@@ -224,13 +224,12 @@ def _make_winch(features: Features):
 
 
 def _make_curve(explicit: bool) -> Stage:
+    curve_triangle = make_curve_triangle(explicit)
+
     @wp.func
     def curve(t: int, width: int, ctx: Context):
-        moved = ctx.d
-        if wp.static(explicit):
-            moved = ctx.position_lo
         for c in range(ctx.body.curves + t, ctx.body.curves_end, width):
-            curve_triangle(c, ctx, ctx.x, moved)
+            curve_triangle(c, ctx)
 
     return Stage("curve", curve)
 

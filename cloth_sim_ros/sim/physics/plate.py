@@ -35,6 +35,20 @@ class RestCurvature:
 
 
 @wp.func
+def turn_of_normal(a: wp.vec3, b: wp.vec3, c: wp.vec3, to_a: wp.vec3, to_b: wp.vec3, to_c: wp.vec3) -> wp.vec3:
+    """How the unit normal of triangle a, b, c [m] turns as its vertices move by to_a, to_b, to_c [m]: the derivative.
+
+    It is -sum_k grad phi_k (n . dx_k), see `rest_curvature`. A triangle without an area has no normal.
+    """
+    cross = wp.cross(b - a, c - a)
+    double = wp.length(cross)
+    if double <= 1.0e-18:
+        return wp.vec3(0.0)
+    n = cross / double
+    return wp.cross((c - b) * wp.dot(n, to_a) + (a - c) * wp.dot(n, to_b) + (b - a) * wp.dot(n, to_c), n) / double
+
+
+@wp.func
 def rest_curvature(a: wp.vec3, b: wp.vec3, c: wp.vec3, moment: wp.vec3) -> RestCurvature:
     """The term -n . s of the energy of triangle a, b, c [m], with s = `moment` = sum_j g_j x_j over its stencil.
 

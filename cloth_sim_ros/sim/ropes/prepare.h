@@ -22,17 +22,19 @@ auto edge_of = [&](int i) {
     }
     return edge;
 };
-// How much longer a vector of length `size` became, but for what is carried on; 0 for a rotation. inverse: 1 / size.
-auto growth_of = [&](const Edge& edge, double size, double inverse) {
-    double product = 0.0, before = 0.0, carried = 0.0;
+// How much longer a vector of length `size` became, less a third of that in the last substep under order 2; 0 for a
+// rotation.
+auto growth_of = [&](const Edge& edge, double size) {
+    double square = 0.0, last_square = 0.0, product = 0.0, last_product = 0.0;
     for (int c = 0; c < 3; ++c) {
-        const double was = edge.now[c] - edge.change[c];
+        const double was = edge.now[c] - edge.change[c], moved = 3.0 * edge.carried[c], before = was - moved;
+        square += was * was;
+        last_square += before * before;
         product += (edge.now[c] + was) * edge.change[c];
-        before += was * was;
-        carried += edge.now[c] * edge.carried[c];
+        last_product += (was + before) * moved;
     }
-    const double sum = size + sqrt(before);
-    return sum > 0.0 && size > 0.0 ? product / sum - carried * inverse : 0.0;
+    const double sum = size + sqrt(square), last_sum = sqrt(square) + sqrt(last_square);
+    return (sum > 0.0 ? product / sum : 0.0) - (last_sum > 0.0 ? third * last_product / last_sum : 0.0);
 };
 // A turn vector of before, carried along in the material: turned as little as takes the sum of tangents `was` to `now`,
 // then by an angle of tangent 2 s about that. Sums are as long as before but for a change of the bend.
@@ -74,7 +76,7 @@ auto fill_segment = [&](int k, Edge edge) {
     }
     const double held = square * tensions.data[segments + k], yields = (double)compliance * rest * inverse_square;
     double gap = length - rest - yields * held;
-    if (gamma > 0.0f) gap += gamma * (growth_of(edge, length, inverse) - grown);
+    if (gamma > 0.0f) gap += gamma * (growth_of(edge, length) - grown);
     const double near = moves[k].v[3], far = moves[k + 1].v[3];
     const double lightest = near > far ? near : far;
     double along = yields * eased;
@@ -136,7 +138,7 @@ auto fill_joint = [&](int j, const Edge& one, const Edge& two) {
             for (int c = 0; c < 3; ++c) resisted[c] -= (carried[c] - earlier[c]) / 3.0;
         }
     } else if (bend_gamma > 0.0f) {
-        const double growth = growth_of(turn, size, inverse);
+        const double growth = growth_of(turn, size);
         for (int c = 0; c < 3; ++c) resisted[c] = growth * turn.now[c] * inverse;
     }
     to[BEFORE] = before;

@@ -80,7 +80,7 @@ def part_of(t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.v
         if body.plate_width > 0:
             e.elastic += wp.float64(0.5 * rigidity * wp.dot(xyz(place), around(i, m, body, x, lo)))
     for c in range(body.curves + t, body.curves_end, width):
-        p, q, r, moment = curve_moment(c, m, x, lo)
+        p, q, r, moment = curve_moment(c, m, x, lo, lo)
         e.elastic -= wp.float64(rigidity * wp.dot(rest_curvature(p, q, r, moment).normal, moment))
     for f in range(families.shape[0]):
         family = families[f]

@@ -11,7 +11,7 @@ class PlateState:
     """State of sheets that bend as plates; see State for the letters."""
 
     damped: wp.array(dtype=wp.vec4)  # (N,) displacements before bending [m], and their dashpots' part, see bending.py
-    curve_normals: wp.array(dtype=wp.vec4)  # (C,) unit normals of triangles that are curved at rest
+    curve_normals: wp.array(dtype=wp.vec4)  # (C,) normals of triangles that are curved at rest, and `rest_square`
     curve_pulls: wp.array(dtype=wp.vec3)  # (C,) weights with which these push their corners along the normal [1/m]
 
 

@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.arrays.model import Body, Features, Model
 from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.kernels.native import source
-from cloth_sim_ros.sim.physics.plate import MOST_BENDING, rest_curvature
+from cloth_sim_ros.sim.physics.plate import MOST_BENDING, rest_curvature, turn_of_normal
 
 MOST = wp.constant(MOST_BENDING)  # limit of (omega h_e)^2 (1 + gamma), stiffest mode; gamma = dashpot time / h_e
 
@@ -87,24 +87,72 @@ def make_plate_force(features: Features):
 
 
 @wp.func
-def curve_moment(c: int, m: Model, a: wp.uint64, b: wp.uint64):
-    """Return the corners of curved triangle c of the batch at positions a + b [m], and its `moment`."""
-    t, width = m.curve_corners[c], m.curve_width
-    moment = plate_sum(t[0], c * width, width, 1, 0, m.curve_stencil, m.curve_stencil_gradients, a, b)
+def moment_of(c: int, m: Model, a: wp.uint64, b: wp.uint64) -> wp.vec3:
+    """Return the moment of curved triangle c of the batch at positions a + b, see `rest_curvature`."""
+    width = m.curve_width
+    return plate_sum(m.curve_corners[c][0], c * width, width, 1, 0, m.curve_stencil, m.curve_stencil_gradients, a, b)
+
+
+@wp.func
+def curve_moment(c: int, m: Model, a: wp.uint64, b: wp.uint64, ahead: wp.uint64):
+    """Return the corners of curved triangle c of the batch at positions a + b [m], and its moment at a + ahead."""
+    t = m.curve_corners[c]
     origin = load4(a, t[0])
     p = xyz(load4(b, t[0]))
     q = xyz((load4(a, t[1]) - origin) + load4(b, t[1]))
     r = xyz((load4(a, t[2]) - origin) + load4(b, t[2]))
-    return p, q, r, moment
+    return p, q, r, moment_of(c, m, a, ahead)
 
 
 @wp.func
-def curve_triangle(c: int, ctx: Context, a: wp.uint64, b: wp.uint64):
-    """Store the normal and pulls of curved triangle c of the batch at positions a + b; its particles read them."""
-    p, q, r, moment = curve_moment(c, ctx.model, a, b)
-    found = rest_curvature(p, q, r, moment)
-    store_row(ctx.state.plate.curve_normals, c, pack(found.normal, 0.0))
-    ctx.state.plate.curve_pulls[c] = found.pull
+def rest_square(c: int, ctx: Context) -> float:
+    """Return the square of the curvature at rest over curved triangle c of the batch: its moment there, along n.
+
+    It is kept beside the normal; 0 is not known.
+    """
+    known = load_row(ctx.state.plate.curve_normals, c)[3]
+    if known > 0.0:
+        return known
+    m, first, width = ctx.model, ctx.body.particles, ctx.model.curve_width
+    origin, moment = m.rest[first + m.curve_stencil[c * width]], wp.vec3(0.0)
+    for k in range(c * width + 1, (c + 1) * width):
+        moment += m.curve_stencil_gradients[k] * (m.rest[first + m.curve_stencil[k]] - origin)
+    return wp.length(moment)
+
+
+def make_curve_triangle(explicit: bool):
+    """Return a Warp function: store the normal and pulls of curved triangle c of the batch; its particles read them.
+
+    Dashpots resist how the bend from rest changes, H' - n' kappa, so that a sheet that is curved at rest turns freely.
+    The operator gives H'. Here the normal goes where n' takes it in the time of the dashpots, and pulls go with both.
+    """
+
+    @wp.func
+    def curve_triangle(c: int, ctx: Context):
+        m, t, damping = ctx.model, ctx.model.curve_corners[c], ctx.material.damping
+        if wp.static(explicit):
+            moved, ahead, share = ctx.position_lo, array_address(ctx.state.velocities, ctx.body.particles), damping
+            p, q, r, moment = curve_moment(c, m, ctx.x, moved, moved)
+            if damping > 0.0:
+                moment += 0.5 * damping * moment_of(c, m, ahead, ahead)
+        else:
+            moved, ahead, share = ctx.d, array_address(ctx.state.plate.damped, ctx.body.particles), float(1.0)
+            p, q, r, moment = curve_moment(c, m, ctx.x, moved, ahead)
+        turn, square = wp.vec3(0.0), float(0.0)
+        if damping > 0.0:
+            to_p, to_q, to_r = xyz(load4(ahead, t[0])), xyz(load4(ahead, t[1])), xyz(load4(ahead, t[2]))
+            if wp.static(not explicit):
+                to_p -= xyz(load4(moved, t[0]))
+                to_q -= xyz(load4(moved, t[1]))
+                to_r -= xyz(load4(moved, t[2]))
+            turn = share * turn_of_normal(p, q, r, to_p, to_q, to_r)
+            square = rest_square(c, ctx)
+            moment -= square * turn
+        found = rest_curvature(p, q, r, moment)
+        store_row(ctx.state.plate.curve_normals, c, pack(found.normal + turn, square))
+        ctx.state.plate.curve_pulls[c] = found.pull
+
+    return curve_triangle
 
 
 def make_bending_force(features: Features):

@@ -11,7 +11,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, store_row, xyz
 
 GONE = wp.constant(-1.0e6)  # value in place of a rest length
 # Fraction of the strength by which springs differ. An evenly strained sheet would fail everywhere at once without it.
@@ -156,6 +156,7 @@ def flatten(t: int, width: int, ctx: Context):
         if not bends_still(ctx.model.curve_panels[c], ctx):
             for q in range(size):
                 ctx.state.tearing.curve_stencil_gradients[size * c + q] = 0.0
+            store_row(ctx.state.plate.curve_normals, c, wp.vec4(0.0))
     first, end = ctx.body.particles, ctx.body.particles + ctx.body.count
     for k in range(ctx.model.curve_start[first] + t, ctx.model.curve_start[end], width):
         if not bends_still(ctx.model.curve_panels[ctx.model.curve_entries[k][0]], ctx):
