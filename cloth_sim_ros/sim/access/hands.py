@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.arrays.state import Arrays, HandleMotion
 from cloth_sim_ros.sim.arrays.writing import clear
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of, worlds_of
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 from cloth_sim_ros.sim.scene.handles import checked_reach, extents
@@ -241,9 +241,7 @@ class Hands:
         self._bodies.handle_counts.assign(counts)
 
     def _row(self, name: str) -> int:
-        if name not in self._bodies.handle_row:
-            raise ValueError(f"there is no handle {name!r}; allowed is {names_of(self._bodies.handle_row)}")
-        return self._bodies.handle_row[name]
+        return named(self._bodies.handle_row, name, "handle")
 
     def _each(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
         """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""

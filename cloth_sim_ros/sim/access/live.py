@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
-from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, names_of
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.substeps.choose import distinct
@@ -42,9 +42,7 @@ class Live:
         world: Any = None,
     ) -> None:
         """See Simulation.set_collider_pose."""
-        if name not in self._bodies.collider_row:
-            raise ValueError(f"there is no collider {name!r}; allowed is {names_of(self._bodies.collider_row)}")
-        row, some = self._bodies.collider_row[name], self._bodies.some(world)
+        row, some = named(self._bodies.collider_row, name, "collider"), self._bodies.some(world)
         self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
     def squeeze(self, name: str, load: float, gap: float, world: Any = None) -> None:
@@ -62,7 +60,7 @@ class Live:
 
     def is_squeezing(self, name: str, world: int) -> bool:
         """See Simulation.is_squeezing."""
-        row, colliders = self._bodies.collider_row[name], self._bodies.colliders.array.shape[1]
+        row, colliders = named(self._bodies.collider_row, name, "collider"), self._bodies.colliders.array.shape[1]
         rows = [batch.states["squeezed_in"].numpy()[world, row::colliders] for batch in self._bodies.batches]
         return any(found.any() for found in rows)
 
@@ -89,8 +87,8 @@ class Live:
     def remove_collider(self, name: str) -> None:
         """See Simulation.remove_collider."""
         bodies = self._bodies
-        if bodies.collider_row.get(name, -1) < bodies.fixed:
-            added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
+        added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
+        if name not in added:
             raise ValueError(f"{name!r} is no collider that was added; allowed is {names_of(added)}")
         self._write_none(bodies.forget_collider(name))
 

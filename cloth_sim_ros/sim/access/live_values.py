@@ -27,7 +27,7 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
     shortest decimal that rounds to the same float32, so 0.1 set is 0.1 returned. Raises ValueError if the scene has no
     parameter of that name.
     """
-    owner, _, field = name.rpartition(".")
+    owner, _, field = name.rpartition(".") if isinstance(name, str) else ("", "", "")
     scene, world, found = bodies.scene, bodies.one(world), None
     rope = scene.objects.get(owner.removesuffix(".winch"))
     if name == "gravity":

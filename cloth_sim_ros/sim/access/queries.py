@@ -12,7 +12,7 @@ from cloth_sim_ros.sim.access.loads import Loads
 from cloth_sim_ros.sim.access.seams import read_stitches
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.input.checks import names_of, worlds_of
+from cloth_sim_ros.sim.input.checks import named, worlds_of
 from cloth_sim_ros.sim.topology import KINDS
 
 
@@ -94,10 +94,8 @@ class Queries:
 
     def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """See Simulation.wrench."""
-        rows = self._bodies.collider_row
-        if collider not in rows:
-            raise ValueError(f"there is no collider {collider!r}; allowed is {names_of(rows)}")
-        load = self.wrenches(world)[rows[collider]].astype(np.float64)
+        row = named(self._bodies.collider_row, collider, "collider")
+        load = self.wrenches(world)[row].astype(np.float64)
         return load[:3], load[3:]
 
     def wrenches(self, world: int = 0) -> np.ndarray:

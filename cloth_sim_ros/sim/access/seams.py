@@ -7,14 +7,12 @@ import numpy as np
 
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.features.seams.arrays import BROKEN
-from cloth_sim_ros.sim.input.checks import names_of
+from cloth_sim_ros.sim.input.checks import named
 
 
 def read_stitches(bodies: Bodies, seam: str, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """See Simulation.stitches."""
-    if seam not in bodies.scene.seams:
-        raise ValueError(f"there is no seam {seam!r}; allowed is {names_of(bodies.scene.seams)}")
-    name, start = bodies.scene.seams[seam].first, 0
+    name, start = named(bodies.scene.seams, seam, "seam").first, 0
     for each in bodies.topology(name).stitches:
         if each.seam == seam:
             break

@@ -108,7 +108,8 @@ class GripperDriver:
     def move(self, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0)) -> None:
         """Have the gripper at a pose [m], x y z w, at the end of the next frame."""
         turned = tuple(float(each) for each in unit_quaternion(orientation, f"{self.name}.orientation"))
-        self.gripper = replace(self.gripper, position=tuple(map(float, position)), orientation=turned)
+        position = table.check(table.row(table.GRIPPER, "position"), position, f"{self.name}.position")
+        self.gripper = replace(self.gripper, position=position, orientation=turned)
 
     def open_to(self, opening: float) -> None:
         """Have the fingers go to an opening [m], whatever is between them."""

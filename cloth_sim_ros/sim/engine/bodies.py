@@ -30,7 +30,7 @@ from cloth_sim_ros.sim.engine.sizes import sharpest
 from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
-from cloth_sim_ros.sim.input.checks import WorldSelection, names_of, on_host, worlds_of
+from cloth_sim_ros.sim.input.checks import WorldSelection, named, on_host, worlds_of
 from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.device import find_device
 from cloth_sim_ros.sim.physics.quaternion import Motion, moved
@@ -485,6 +485,4 @@ class Bodies:
 
     def topology(self, name: str) -> Topology:
         """The current topology of an object. Raises ValueError if there is none of that name."""
-        if name not in self.topologies:
-            raise ValueError(f"there is no object {name!r}; allowed is {names_of(self.topologies)}")
-        return self.topologies[name]
+        return named(self.topologies, name, "object")

@@ -7,7 +7,7 @@ A bad value raises ValueError with one sentence that names the parameter, the va
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,13 @@ def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64, 
     for row, column in np.argwhere(~np.isfinite(array))[:1]:
         raise ValueError(f"{name} holds {array[row, column]:g} in row {row}; allowed are finite numbers")
     return array
+
+
+def named(among: Mapping[str, Any], name: Any, kind: str) -> Any:
+    """What `name` stands for `among` the things of a kind, such as "object". Raises ValueError where there is none."""
+    if not isinstance(name, str) or name not in among:
+        raise ValueError(f"there is no {kind} {name!r}; allowed is {names_of(among)}")
+    return among[name]
 
 
 def names_of(names: Iterable[str]) -> str:

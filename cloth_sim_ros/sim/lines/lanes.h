@@ -22,7 +22,6 @@ auto moved_of = [&](const int* at, const Lanes* d, Lanes* to) {  // displacement
     for (int k = 0; k < 4; ++k) to[k] = d[k] - rows[k];
 };
 auto longer = [&](const Lanes* edge, Lanes length, const Lanes* by) {  // elongation by the motion, no cancellation
-    if (second) return dot(edge, by) / (length + 1.0e-30f);
     Lanes was[3], sum[3];
     for (int axis = 0; axis < 3; ++axis) {
         was[axis] = edge[axis] - by[axis];
@@ -35,7 +34,7 @@ Lanes speed[4];
 gather(x_address, at, x);
 gather(d_address, at, d);
 if (gamma > 0.0f) moved_of(at, d, motion);
-if (follows) gather((uint64_t)v, at, speed);
+if (carried > 0.0f) gather((uint64_t)v, at, speed);
 Lanes columns[4];
 transpose(d, columns);
 Lanes weight = columns[3];
@@ -84,7 +83,7 @@ for (int k = 0; k + 1 < slots; ++k) {
         transpose(apart, de);
         const Lanes slip = longer(columns, length, de);
         violation += gamma * slip;
-        if (follows) {
+        if (carried > 0.0f) {
             Lanes next_speed[4];
             gather((uint64_t)v, next, next_speed);
             for (int r = 0; r < 4; ++r) {

@@ -12,8 +12,7 @@ is raised by a fraction of 1e-5, so that a rigid line between two pins has a sol
 Later lines of the sweep move the particles on, so the slip of a line is not yet that of the substep. Dashpots would
 resist motion that later lines undo, and a sheet at rest under load would be too soft. So order 2, and a sewn
 sheet in any order, adds to the slip the part that followed this solve in the substep before. This is all of that slip
-less `line_slips`. The slip is how much longer a spring became, which a rotation leaves. BDF2 tells motion by its
-derivative at the end of the substep, so there the slip is the part of that along the spring.
+less `line_slips`.
 
 In substeps that weigh (see WEIGHED in integrate.py), lines of a body with pinned or held particles make their particles
 heavier. Each adds the size of its force there. The largest tension of a line counts too.
@@ -56,8 +55,7 @@ def make_solve_row(slots_a_thread: int):
         scratch: wp.array(dtype=float),
         alpha: float,
         gamma: float,
-        second: bool,
-        follows: bool,
+        carried: float,
         particle: int,
         bases: wp.array(dtype=wp.vec4),
         velocities: wp.array(dtype=wp.vec4),
@@ -85,10 +83,7 @@ def make_solve_line_row(features: Features):
         row = ctx.model.line_rows[r]
         alpha = compliance_of(ctx.material, row[3]) * ctx.step.inverse_square
         gamma = ctx.material.damping * ctx.body.line_damping * ctx.step.inverse
-        second = bool(False)
-        if wp.static(features.order == 2):
-            second = ctx.step.second
-        follows = second
+        carried = float(0.0)
         keeps = bool(False)
         held = ctx.body.pinned
         if wp.static(features.handles):
@@ -96,8 +91,8 @@ def make_solve_line_row(features: Features):
         weighs = wp.where(held and ctx.step.weighs and ctx.step.first, ctx.step.inverse_square, 0.0)
         if wp.static(features.order == 2 or features.sewn):
             keeps = ctx.last and gamma > 0.0
-            if wp.static(features.order == 1):
-                follows = True
+            if wp.static(features.order == 1) or ctx.step.second:
+                carried = wp.static(1.0 / 3.0)
         rests = ctx.model.line_rests
         if wp.static(features.membrane):
             rests = ctx.state.lines.line_lengths
@@ -112,8 +107,7 @@ def make_solve_line_row(features: Features):
             ctx.state.lines.line_scratch,
             alpha,
             gamma,
-            second,
-            follows,
+            carried,
             ctx.body.particles,
             ctx.state.lines.bases,
             ctx.state.velocities,

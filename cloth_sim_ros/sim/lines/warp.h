@@ -23,14 +23,13 @@ x[Slots] = make_float4(down(x[0].x, 1), down(x[0].y, 1), down(x[0].z, 1), 0.0f);
 d[Slots] = make_float4(down(d[0].x, 1), down(d[0].y, 1), down(d[0].z, 1), 0.0f);
 const float w_next = down(w[0], 1);
 // Return the elongation of an edge by its motion (x, y, z), without cancellation.
-auto longer = [&](float ex, float ey, float ez, float length, float x, float y, float z) {
-    if (second) return __fdividef(ex * x + ey * y + ez * z, length + 1.0e-30f);
+auto longer = [](float ex, float ey, float ez, float length, float x, float y, float z) {
     const float bx = ex - x, by = ey - y, bz = ez - z, square = bx * bx + by * by + bz * bz;
     const float was_long = square * rsqrtf(square + 1.0e-30f);
     return __fdividef((ex + bx) * x + (ey + by) * y + (ez + bz) * z, length + was_long + 1.0e-30f);
 };
 float slip[Slots];  // slip of the substep before, less the part up to its solve
-if (gamma > 0.0f && follows) {
+if (gamma > 0.0f && carried > 0.0f) {
     float4 v[Slots + 1];
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
@@ -85,7 +84,7 @@ for (int j = 0; j < Slots; ++j) {
         const float ax = m[j + 1].x - m[j].x, ay = m[j + 1].y - m[j].y, az = m[j + 1].z - m[j].z;
         const float own = longer(ex, ey, ez, length, ax, ay, az);
         violation += gamma * own;
-        if (follows) violation += gamma * slip[j];
+        if (carried > 0.0f) violation += gamma * slip[j];
         if (keeps) slip[j] = own - violation / (1.0f + gamma);
     }
     const float both = w[j] + (j + 1 < Slots ? w[j + 1 < Slots ? j + 1 : 0] : w_next);

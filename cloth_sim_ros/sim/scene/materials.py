@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
+from numbers import Real
 from types import MappingProxyType
 from typing import Any
 
@@ -34,7 +35,8 @@ class Fabric:
     areal_mass [kg/m^2]. warp, weft: Young's moduli, and shear modulus [N/m]. poisson: contraction of the weft over a
     stretch along the warp. On grids the springs give it, about shear / weft. bend_warp, bend_weft, bend_diagonal:
     flexural rigidities [N m] of strips along warp, weft and at 45 degrees, as by cantilever; 4 / bend_diagonal is more
-    than 1 / bend_warp + 1 / bend_weft. damping: time [s]. thickness [m]. Coefficients of friction.
+    than 1 / bend_warp + 1 / bend_weft. damping: time [s]. thickness [m]. Coefficients of friction. Raises
+    ValueError where the mass, a modulus or a rigidity is no number above 0.
     """
 
     areal_mass: float
@@ -50,6 +52,13 @@ class Fabric:
     static_friction: float = 0.5
     kinetic_friction: float = 0.4
     source: str = ""
+
+    def __post_init__(self) -> None:
+        for field in fields(self)[:-1]:
+            value, positive = getattr(self, field.name), field.default is MISSING and field.name != "poisson"
+            if not isinstance(value, Real) or isinstance(value, bool) or (positive and not 0.0 < value < math.inf):
+                allowed = "a finite number above 0" if positive else "a number"
+                raise ValueError(f"Fabric.{field.name} is {value!r}; allowed is {allowed}")
 
 
 @dataclass(frozen=True)
@@ -248,6 +257,6 @@ def rope_fields(name: str, length: float, radius: float | None = None) -> dict[s
 
 
 def _find(presets: dict[str, Any], name: str) -> Any:
-    if name not in presets:
+    if not isinstance(name, str) or name not in presets:
         raise ValueError(f"material is {name!r}; allowed is one of {', '.join(presets)}")
     return presets[name]

@@ -326,7 +326,10 @@ class Rope:
         if path is None:
             path = (fields.get("start", cls.start), fields.get("end", cls.end))
         length = float(np.linalg.norm(np.diff(finite_array(path, 3, "Rope.points"), axis=0), axis=1).sum())
-        return cls(**{**rope_fields(material, length, fields.get("radius")), **fields})
+        radius = fields.get("radius")
+        if radius is not None:
+            radius = table.check(table.row(table.ROPE, "radius"), radius, "Rope.radius")
+        return cls(**{**rope_fields(material, length, radius), **fields})
 
     def _check_winch(self) -> None:
         """Raise ValueError where a rope on a winch is not held at its start, or is held between its ends."""

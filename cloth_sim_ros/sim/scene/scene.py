@@ -95,7 +95,7 @@ class Scene:
                 raise ValueError(f"Constraint {name!r} is of {constraint.object!r}; allowed is {allowed}")
         for name, seam in self.seams.items():
             for thing in (seam.first, seam.second):
-                if thing not in self.objects:
+                if not isinstance(thing, str) or thing not in self.objects:
                     raise ValueError(f"Seam {name!r} is of {thing!r}; allowed is {allowed}")
         check_fields(self, (table.GRAVITY, table.SPARE_COLLIDERS, table.OBJECT_CONTACT))
 

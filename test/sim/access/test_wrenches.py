@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What colliders feel: the weight of what lies on them, and the change of momentum of what they push."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -91,7 +93,21 @@ def test_two_colliders_share_a_weight_in_every_world(device):
         assert left + right == pytest.approx(-0.2 * g, rel=0.005) and left == pytest.approx(right, rel=0.05)
 
 
-def test_an_unknown_collider_is_told():
-    sim = Simulation(Scene({"cloth": sheet()}, {"floor": Plane()}), device="cpu")
-    with pytest.raises(ValueError, match="there is no collider 'wall'; allowed is floor"):
-        sim.wrench("wall")
+@pytest.mark.parametrize("name", ["wall", None, ["floor"]])
+def test_an_unknown_name_is_told(name):
+    sim, wrong = Simulation(Scene({"cloth": sheet()}, {"floor": Plane()}), device="cpu"), re.escape(repr(name))
+    for ask in (sim.wrench, sim.is_squeezing):
+        with pytest.raises(ValueError, match=f"there is no collider {wrong}; allowed is floor"):
+            ask(name)
+    for ask, kind in (
+        (sim.positions, "object"),
+        (sim.springs, "object"),
+        (sim.attach, "handle"),
+        (sim.stitches, "seam"),
+    ):
+        with pytest.raises(ValueError, match=f"there is no {kind} {wrong}; allowed is "):
+            ask(name)
+    with pytest.raises(ValueError, match=f"there is no live parameter {wrong} in this scene"):
+        sim.get(name)
+    with pytest.raises(ValueError, match=f"{wrong} is no collider that was added"):
+        sim.remove_collider(name)

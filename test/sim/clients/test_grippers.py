@@ -99,6 +99,8 @@ def test_what_a_gripper_cannot_be_is_told():
     driver = GripperDriver("hand", Gripper())
     with pytest.raises(ValueError, match="hand.opening is 1; allowed is at most max_opening, 0.08 m"):
         driver.open_to(1.0)
+    with pytest.raises(ValueError, match="hand.position is None; allowed is 3 finite numbers"):
+        driver.move(None)
     with pytest.raises(ValueError, match="hand.force is nan"):
         driver.press(float("nan"))
 

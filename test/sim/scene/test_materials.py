@@ -166,3 +166,18 @@ def test_a_cloth_let_go_comes_to_rest_by_the_air_and_not_by_the_steps(device):
     calm = [left(Wind(), substeps) for substeps in (20, 60)]
     assert calm[0] < 5e-4 and calm[0] == pytest.approx(calm[1], rel=0.15)
     assert left(None, 20) > 30.0 * calm[0]
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: replace(FABRICS["silk"], shear=0.0), "Fabric.shear is 0.0; allowed is a finite number above 0"),
+        (lambda: replace(FABRICS["silk"], areal_mass="70"), "Fabric.areal_mass is '70'; allowed is a finite number"),
+        (lambda: replace(FABRICS["silk"], damping="slow"), "Fabric.damping is 'slow'; allowed is a number"),
+        (lambda: Rope.of("steel cable", radius="6 mm"), "Rope.radius is '6 mm'; allowed is"),
+        (lambda: Cloth.of(["silk"]), r"material is \['silk'\]; allowed is one of cotton"),
+    ],
+)
+def test_numbers_of_a_material_that_cannot_be_are_refused(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

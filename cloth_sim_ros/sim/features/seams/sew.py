@@ -151,14 +151,11 @@ def _length(arrays: SewnArrays, body: int) -> float:
 @wp.func
 def _square_step(arrays: SewnArrays, body: int, second: int, substep: int) -> float:
     """Return the square of the effective length of a substep of a body [s^2]."""
-    h = effective_step(_length(arrays, body), _is_smooth(arrays, body, second, substep))
+    smooth = bool(False)
+    if second == 1:
+        smooth = was_smooth(arrays.events, arrays.history, body, substep)
+    h = effective_step(_length(arrays, body), smooth)
     return h * h
-
-
-@wp.func
-def _is_smooth(arrays: SewnArrays, body: int, second: int, substep: int) -> bool:
-    """True if BDF2 takes the substep of a body."""
-    return second == 1 and was_smooth(arrays.events, arrays.history, body, substep)
 
 
 @wp.func
@@ -189,11 +186,8 @@ def _place(seams: Seams, k: int, w: int) -> int:
 
 
 @wp.func
-def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, gamma: float, smooth: bool) -> wp.vec4:
-    """Return the unit vector of a spring from particle i to j, and what is left of its equation [m].
-
-    smooth: True if BDF2 takes the substep; see the slip in lines/solve.py.
-    """
+def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, gamma: float) -> wp.vec4:
+    """Return the unit vector of a spring from particle i to j, and what is left of its equation [m]."""
     moved, then = load_row(side.displacements, i), load_row(side.displacements, j)
     edge = xyz((load_row(side.positions, j) - load_row(side.positions, i)) + (then - moved))
     length = wp.max(wp.length(edge), SHORTEST)
@@ -201,10 +195,7 @@ def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, ga
     if gamma > 0.0:
         apart = xyz((then - load_row(side.bases, j)) - (moved - load_row(side.bases, i)))
         was = edge - apart
-        if smooth:
-            left += gamma * wp.dot(edge, apart) / length
-        else:
-            left += gamma * wp.dot(edge + was, apart) / (length + wp.length(was) + SHORTEST)
+        left += gamma * wp.dot(edge + was, apart) / (length + wp.length(was) + SHORTEST)
     return pack(edge / length, left)
 
 
@@ -217,7 +208,7 @@ def _release(seams: Seams, k: int, w: int, substep: int):
     """
     of = seams.touched[k]
     side = seams.arrays[of[0] * seams.worlds + w]
-    square, smooth = _square_step(side, of[2], of[3], substep), _is_smooth(side, of[2], of[3], substep)
+    square = _square_step(side, of[2], of[3], substep)
     gamma = side.materials[of[2]].damping * side.bodies[of[2]].line_damping / wp.sqrt(square)
     soft = compliance_of(side.materials[of[2]], 0) / square
     d = load_row(side.displacements, of[1])
@@ -232,7 +223,7 @@ def _release(seams: Seams, k: int, w: int, substep: int):
             j, slot = seams.beads[b][0], seams.beads[b][1]
             near, far = load_row(side.displacements, i)[3], load_row(side.displacements, j)[3]
             compliance = soft * side.line_scales[slot]
-            spring = _residual(side, i, j, slot, compliance, gamma, smooth)
+            spring = _residual(side, i, j, slot, compliance, gamma)
             turn, eased = wp.dot(along, xyz(spring)), 1.0 / (1.0 + far * mass)
             left = spring[3] - (1.0 + gamma) * far * turn * rest * eased
             diagonal = compliance + (1.0 + gamma) * far * (1.0 - turn * turn * far * mass * eased)
