@@ -47,7 +47,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.membrane import lengthen
 from cloth_sim_ros.sim.lines.solve import make_solve_line_row
 from cloth_sim_ros.sim.physics.integrate import WEIGHED, make_step
-from cloth_sim_ros.sim.ropes.solve import make_solve, make_start
+from cloth_sim_ros.sim.ropes.solve import make_solve, start
 from cloth_sim_ros.sim.topology.line_layout import WARP
 
 _A_FRAME = 1 << 30  # number of substeps, more than a frame has
@@ -98,7 +98,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     if features.plate and not explicit:
         before.append(over_particles("bend", make_bend(features)))
     if features.chain:
-        program.solved += [Stage("start", make_start(features)), Stage("chain", make_solve(features, threads))]
+        program.solved += [over_particles("start", start), Stage("chain", make_solve(features, threads))]
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.constraints:

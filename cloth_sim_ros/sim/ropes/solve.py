@@ -10,8 +10,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of
-from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
-from cloth_sim_ros.sim.features.collider_contact.particle import make_met_in
+from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between, rubs_wrongly
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
@@ -39,6 +38,8 @@ SETTLED_SPEED = wp.constant(1.0e-3)
 ATTEMPTS = wp.constant(5)
 NEWTON_STEPS = wp.constant(8)
 
+PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
+
 # Cost of a Newton step for a particle, in searches of facets for contact (see prices.py).
 SEARCHES = wp.constant(0.25)
 
@@ -53,42 +54,21 @@ STIFFEST_JOINT = wp.constant(1.0e10)
 MOST_STRETCHED = wp.constant(0.02)
 
 
-def make_start(features: Features):
-    """Return the stage before the solve, in which threads set targets and starts, and find what touches the rope."""
-    lean = make_lean(features) if features.leans else None
-    lean_between = make_lean_between(features) if features.leans and features.surface else None
-    met_in = make_met_in(features) if features.leans else None
-
-    @wp.func
-    def place(i: int, ctx: Context):
-        g = ctx.body.particles + i
-        packed = load4(ctx.d, i)
-        now = xyz(packed)
-        if ctx.step.first:
-            ctx.state.rope.targets[g] = now
-            # A handle has placed what it holds.
-            if packed[3] > HELD * load4(ctx.x, i)[3]:
-                now -= ctx.state.rope.falls[g]
-            store4(ctx.d, i, pack(now, packed[3]))
-        else:
-            # Moves since the last solve, as by another object, count as part of the target.
-            ctx.state.rope.targets[g] += now - ctx.state.rope.solved[g]
-
-    @wp.func
-    def start(t: int, width: int, ctx: Context):
-        for i in range(t, ctx.body.count, width):
-            place(i, ctx)
-        if wp.static(lean is not None):
-            sync()
-            met = met_in(ctx)
-            for i in range(t, ctx.body.count, width):
-                lean(i, met.near, ctx)
-            if wp.static(lean_between is not None):
-                sync()
-                for k in range(t, ctx.body.count - 1, width):
-                    lean_between(k, met.near, ctx, True)
-
-    return start
+@wp.func
+def start(i: int, ctx: Context):
+    """Set the target of particle i, and where its solve starts."""
+    g = ctx.body.particles + i
+    packed = load4(ctx.d, i)
+    now = xyz(packed)
+    if ctx.step.first:
+        ctx.state.rope.targets[g] = now
+        # A handle has placed what it holds.
+        if packed[3] > HELD * load4(ctx.x, i)[3]:
+            now -= ctx.state.rope.falls[g]
+        store4(ctx.d, i, pack(now, packed[3]))
+    else:
+        # Moves since the last solve, as by another object, count as part of the target.
+        ctx.state.rope.targets[g] += now - ctx.state.rope.solved[g]
 
 
 def _make_ready(features: Features, threads: int):
@@ -189,25 +169,45 @@ def _make_attempt(features: Features, threads: int):
     return attempt
 
 
-def _make_settle_contacts(features: Features, threads: int):
-    """Return a Warp function that updates the contacts of segments within the solve, and tells if it has to go on."""
-    if not (features.leans and features.surface):
-        return None
-    lean_between, near_of = make_lean_between(features), make_near_of(features.listed)
+def _make_lean_all(features: Features, threads: int):
+    """Return a Warp function that finds what touches a rope, of which `kinds`, before a solve."""
+    near_of, lean = make_near_of(features.listed), make_lean(features)
+    lean_between = make_lean_between(features) if features.surface else None
 
     @wp.func
-    def settle_contacts(t: int, ctx: Context) -> bool:
-        near, changed = near_of(ctx), int(0)
-        for k in range(t, ctx.body.count - 1, wp.static(threads)):
-            if lean_between(k, near, ctx, False):
-                changed = 1
-        if sync_any(changed) == 0:
-            return False
-        for k in range(t, ctx.body.count - 1, wp.static(threads)):
-            lean_between(k, near, ctx, True)
-        return True
+    def lean_all(t: int, kinds: int, again: bool, ctx: Context):
+        if kinds == 0:
+            return
+        near = near_of(ctx)
+        if kinds & PARTICLES != 0:
+            for i in range(t, ctx.body.count, wp.static(threads)):
+                lean(i, near, ctx, again)
+        if wp.static(lean_between is not None):
+            sync()
+            for k in range(t, ctx.body.count - 1, wp.static(threads)):
+                lean_between(k, near, ctx, True)
 
-    return settle_contacts
+    return lean_all
+
+
+def _make_left_open(features: Features, threads: int):
+    """Return a Warp function that tells which kinds of contact have to be solved again."""
+    near_of = make_near_of(features.listed)
+    lean_between = make_lean_between(features) if features.surface else None
+
+    @wp.func
+    def left_open(t: int, ctx: Context) -> int:
+        near, rubs, changes = near_of(ctx), int(0), int(0)
+        for i in range(t, ctx.body.count, wp.static(threads)):
+            if rubs_wrongly(i, ctx):
+                rubs = PARTICLES
+        if wp.static(lean_between is not None):
+            for k in range(t, ctx.body.count - 1, wp.static(threads)):
+                if lean_between(k, near, ctx, False):
+                    changes = SEGMENTS
+        return wp.where(sync_any(rubs) != 0, PARTICLES, 0) + wp.where(sync_any(changes) != 0, SEGMENTS, 0)
+
+    return left_open
 
 
 @wp.func
@@ -217,46 +217,61 @@ def note_steps(t: int, steps: int, ctx: Context):
         note_work(int(SEARCHES * float((steps - 1) * ctx.body.count)), ctx)
 
 
+def _make_newton_step(features: Features, threads: int):
+    """Return a Warp function that moves a rope by a Newton step, and returns the thread's events as bits."""
+    beam, ready, attempt = features.beam, _make_ready(features, threads), _make_attempt(features, threads)
+
+    @wp.func
+    def newton_step(t: int, first: int, ctx: Context) -> int:
+        ready(t, first, ctx)
+        sync()
+        events, count = int(TOO_FAR), int(0)
+        while sync_any(events & TOO_FAR) != 0 and count < ATTEMPTS:
+            events = attempt(t, first, ctx)
+            count += 1
+        move(
+            t,
+            wp.static(threads),
+            ctx.body.index,
+            ctx.body.particles,
+            ctx.body.segments,
+            first,
+            ctx.body.count,
+            wp.static(beam),
+            ctx.d,
+            ctx.state.rope.tensions,
+            ctx.state.rope.moments,
+            ctx.state.rope.scratch,
+            ctx.step.inverse_square,
+        )
+        return events
+
+    return newton_step
+
+
 def make_solve(features: Features, threads: int):
     """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
-    beam, winch = features.beam, features.winch
-    ready, attempt = _make_ready(features, threads), _make_attempt(features, threads)
-    settle_contacts = _make_settle_contacts(features, threads)
+    winch, newton_step = features.winch, _make_newton_step(features, threads)
+    lean_all = _make_lean_all(features, threads) if features.leans else None
+    left_open = _make_left_open(features, threads) if features.leans else None
 
     @wp.func
     def solve(t: int, ctx: Context) -> bool:
         first = int(0)
         if wp.static(winch):
             first = ctx.state.winch.winches[ctx.body.index].index
-        overstretched, again, steps = bool(False), bool(True), int(0)
+        overstretched, again, steps, kinds = bool(False), bool(True), int(0), int(PARTICLES + SEGMENTS)
         while again:
-            ready(t, first, ctx)
-            sync()
-            events, count = int(TOO_FAR), int(0)
-            while sync_any(events & TOO_FAR) != 0 and count < ATTEMPTS:
-                events = attempt(t, first, ctx)
-                count += 1
-            overstretched = overstretched or sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0
-            move(
-                t,
-                wp.static(threads),
-                ctx.body.index,
-                ctx.body.particles,
-                ctx.body.segments,
-                first,
-                ctx.body.count,
-                wp.static(beam),
-                ctx.d,
-                ctx.state.rope.tensions,
-                ctx.state.rope.moments,
-                ctx.state.rope.scratch,
-                ctx.step.inverse_square,
-            )
+            if wp.static(lean_all is not None):
+                lean_all(t, kinds, steps > 0, ctx)
+            events = newton_step(t, first, ctx)
+            overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
-            if wp.static(settle_contacts is not None):
+            if wp.static(left_open is not None):
                 if steps < NEWTON_STEPS:
-                    again = settle_contacts(t, ctx) or again
+                    kinds = left_open(t, ctx)
+                    again = again or kinds != 0
         note_steps(t, steps, ctx)
         return overstretched
 

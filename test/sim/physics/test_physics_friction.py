@@ -46,6 +46,24 @@ def test_slides_with_coulombs_acceleration(device, thing, angle, kinetic):
     assert speed == pytest.approx(contact.incline_acceleration(angle, 0.5, kinetic, G) * 1.0, rel=1e-2)
 
 
+@pytest.mark.parametrize("substeps", [0, 5, 20, 80])
+def test_a_stiff_cable_slips_just_beyond_the_angle_of_friction(device, substeps):
+    """At 80 substeps it had stuck for ever at 1.2 times the limit, held by friction that no law allows."""
+    mu, second = 0.4, 1.0
+    angle = 1.05 * np.arctan(mu)
+    down, normal = np.array([np.cos(angle), 0, -np.sin(angle)]), np.array([np.sin(angle), 0, np.cos(angle)])
+    cable = Rope.of(
+        "steel cable", segments=24, start=(0, 0, 0), end=(0.6, 0, 0), pins=None, static_friction=mu, kinetic_friction=mu
+    )
+    slope = Plane(normal=tuple(normal), static_friction=mu, kinetic_friction=mu)
+    sim = Simulation(Scene({"it": cable}, {"slope": slope}), Settings(substeps=substeps), device=device)
+    start = np.outer(np.linspace(-0.3, 0.3, 25), down) + cable.radius * normal
+    sim.set_positions("it", start)
+    sim.step(round(60 * second))
+    slip = ((sim.positions("it") - start) @ down).mean()
+    assert slip == pytest.approx(0.5 * 9.81 * (np.sin(angle) - mu * np.cos(angle)) * second**2, rel=0.02)
+
+
 def test_coefficients_of_a_pair_are_the_geometric_mean(device):
     """0.8 on 0.2 is 0.4: sticks at tan 0.38, slides at tan 0.42."""
     for slope, sticks in ((0.38, True), (0.42, False)):

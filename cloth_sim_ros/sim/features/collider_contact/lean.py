@@ -8,7 +8,8 @@ A collider that corrects a point by p_0 so far, in a place `gap` above it and af
 with p_n >= 0, and with the tangential part cut to the cone where it slides. R, a ratio of a contact's stiffness to the
 mass of the point, is finite, so that the rope is solved with the contact as one more spring. The multiplier p is
 carried to the next substep, so that R does not matter for what rests (Alart and Curnier 1991; Daviet 2020, Simple and
-scalable frictional contacts for thin nodal objects). The stages behind the solve take what R left.
+scalable frictional contacts for thin nodal objects). Where a solve leaves a particle friction that is not Coulomb's,
+the rope is solved again with what the law allows. The stages behind the solve take what R left.
 
 Points are particles, and those of segments that a collider touched between its particles in the last substep.
 """
@@ -35,6 +36,8 @@ RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
 # softer one leaves, the stage behind would press into the rope as energy.
 SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
+# Errors of a particle's friction, likewise: beyond the most where it sticks, and of any kind where it slides.
+TOO_MUCH, WRONG = wp.constant(0.01), wp.constant(0.05)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
@@ -172,6 +175,7 @@ def augmented(
     ratio: float,
     softness: float,
     friction: wp.vec2,
+    stops: bool,
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
 
@@ -179,6 +183,7 @@ def augmented(
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
     the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
+    stops: True if friction that may stop the point is to try, as another solve follows where it is too much.
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
@@ -197,6 +202,8 @@ def augmented(
     # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
     # a motion round.
     free = friction[1] * cone < wp.length(slip - wp.dot(slip, n) * n)
+    if stops and not free:
+        return pack(pressed * n + rub, 2.0)
     return pack(pressed * n + rubbed * rub, wp.where(free, SLIDES, 1.0) + rubbed)
 
 
@@ -218,22 +225,82 @@ def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: fl
     return pressed * n + rub, moved
 
 
+@wp.func
+def solved_lean(i: int, c: int, entry: int, w: float, moved: wp.vec3, ctx: Context) -> wp.vec3:
+    """Return the correction [m] of particle i by collider c, in its axes, after the solve `moved` the particle [m]."""
+    leaned, to_local = ctx.state.contact.leans[entry], ctx.state.contact.sweeps[ctx.sweep + c].to_local
+    before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
+    softness = ctx.colliders[c].compliance * ctx.step.inverse_square / w
+    local = wp.transpose(to_local) * before
+    return before - to_local * (slope_of(xyz(leaned), ratio_of(i, w, ctx), softness, leaned[3], local) * moved)
+
+
+@wp.func
+def borne(before: wp.vec3, after: wp.vec3, n: wp.vec3) -> float:
+    """Return the load [m] that bounds friction: the mean before and after a solve, for it alternates in long ones."""
+    return 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(after, n), 0.0))
+
+
+@wp.func
+def by_law(before: wp.vec3, after: wp.vec3, n: wp.vec3, friction: wp.vec2, slid: bool) -> wp.vec4:
+    """Return a correction [m] by Coulomb's law, and the state of the contact, see `augmented`.
+
+    before, after: corrections as a solve began, and as it left them. slid: True if the point slid in it.
+    """
+    pressed = wp.dot(after, n)
+    rub, load = after - pressed * n, borne(before, after, n)
+    if pressed <= 0.0:
+        return wp.vec4(0.0)
+    if not slid and wp.length(rub) <= (1.0 + TOO_MUCH) * friction[0] * load:
+        return pack(after, 2.0)
+    rubbed = friction[1] * load / wp.max(wp.length(rub), 1.0e-30)
+    return pack(pressed * n + rubbed * rub, SLIDES + rubbed)
+
+
+@wp.func
+def rubs_wrongly(i: int, ctx: Context) -> bool:
+    """Return True if the friction that a solve left at particle i is not Coulomb's."""
+    g, packed = ctx.body.particles + i, load4(ctx.d, i)
+    colliders, found = ctx.colliders.shape[0], bool(False)
+    for c in range(colliders):
+        entry = g * colliders + c
+        leaned = ctx.state.contact.leans[entry]
+        if leaned[3] > 0.0:
+            n = ctx.state.contact.sweeps[ctx.sweep + c].to_local * xyz(leaned)
+            before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
+            after = solved_lean(i, c, entry, packed[3], xyz(packed) - ctx.state.rope.starts[g], ctx)
+            rubbed, load = wp.length(after - wp.dot(after, n) * n), borne(before, after, n)
+            friction = friction_of(ctx.colliders[c], ctx.state.rope.half_turns[g], ctx)
+            if leaned[3] < SLIDES:
+                found = found or rubbed > (1.0 + TOO_MUCH) * friction[0] * load
+            else:
+                found = found or wp.abs(rubbed - friction[1] * load) > WRONG * friction[1] * load
+    return found
+
+
 def make_lean(features: Features):
-    """Return a Warp function that finds what colliders do to particle i at the start of a rope's solve."""
+    """Return a Warp function that finds what colliders do to particle i at the start of a rope's solve.
+
+    again: True after a solve that left wrong friction. Then what that left is brought to Coulomb's law, and stays so: a
+    step of a semi-smooth Newton method. So a rope slides where a solve finds that it cannot stop.
+    """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
 
     @wp.func
-    def lean(i: int, near: Near, ctx: Context):
+    def lean(i: int, near: Near, ctx: Context, again: bool):
         g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
-        displacement, w, turn = xyz(packed), packed[3], half_turn_of(i, ctx)
+        displacement, w = xyz(packed), packed[3]
         push, hold = wp.vec3(0.0), wp.mat33(0.0)
+        moved = displacement - ctx.state.rope.starts[g]
         ctx.state.rope.starts[g] = displacement
-        ctx.state.rope.half_turns[g] = turn
+        if not again:
+            ctx.state.rope.half_turns[g] = half_turn_of(i, ctx)
+        turn = ctx.state.rope.half_turns[g]
         stray = strays(near, position + displacement, displacement)
         c = next_of(-1, near, stray)
         while c < ctx.colliders.shape[0]:
             entry, sweep = g * ctx.colliders.shape[0] + c, ctx.state.contact.sweeps[ctx.sweep + c]
-            ctx.state.contact.leans[entry] = wp.vec4(0.0)
+            leaned, leans = ctx.state.contact.leans[entry], wp.vec4(0.0)
             offset = (position - sweep.position) + displacement
             path = wp.length(displacement - sweep.motion)
             path += sweep.spin * (wp.length(offset) + path)
@@ -247,7 +314,10 @@ def make_lean(features: Features):
                 before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
-                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction)
+                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, True)
+                if again and leaned[3] > 0.0:
+                    after = solved_lean(i, c, entry, w, moved, ctx)
+                    found = by_law(before, after, sweep.to_local * xyz(leaned), friction, leaned[3] >= SLIDES)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
@@ -255,7 +325,8 @@ def make_lean(features: Features):
                     hold += slope_of(n, ratio, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
-                    ctx.state.contact.leans[entry] = pack(n, found[3])
+                    leans = pack(n, found[3])
+            ctx.state.contact.leans[entry] = leans
             c = next_of(c, near, stray)
         ctx.state.rope.pushes[g] = push
         ctx.state.rope.holds[g] = hold
@@ -324,7 +395,7 @@ def make_lean_between(features: Features):
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
                 friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
-                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction)
+                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, False)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
                 if found[3] > 0.0 and w > 0.0 and pressed > most:

@@ -9,7 +9,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, ratio_of, settled, slope_of
+from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     is_between,
@@ -164,17 +164,11 @@ def _make_before(features: Features):
     def before_of(i: int, c: int, entry: int, w: float, met: Met, ctx: Context) -> wp.vec4:
         before = wp.vec3(0.0)
         if wp.static(features.leans):
-            leaned = ctx.state.contact.leans[entry]
-            square = ctx.step.effective * ctx.step.effective
-            if leaned[3] > 0.0 or not met.carries:
-                before = square * xyz(load_row(met.contacts, entry))
-            if leaned[3] > 0.0 and met.carries:
-                u = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
-                softness = met.colliders[c].compliance * ctx.step.inverse_square / w
-                to_local = met.sweeps[met.first_sweep + c].to_local
-                local = wp.transpose(to_local) * before
-                hold = slope_of(xyz(leaned), ratio_of(i, w, ctx), softness, leaned[3], local)
-                before -= to_local * (hold * u)
+            if not met.carries:
+                before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(met.contacts, entry))
+            elif ctx.state.contact.leans[entry][3] > 0.0:
+                moved = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
+                before = solved_lean(i, c, entry, w, moved, ctx)
         elif not ctx.step.first:
             before = xyz(load_row(met.contacts, entry))
         return pack(before, wp.where(wp.length_sq(before) > 0.0, 1.0, 0.0))
