@@ -61,6 +61,7 @@ def test_what_a_moving_collider_gives_is_the_momentum_that_the_cloth_gains(devic
     assert np.linalg.norm(momentum - given) < allowed * np.linalg.norm(given)
 
 
+@pytest.mark.long
 def test_a_rope_over_a_pole_weighs_on_it(device):
     rope = Rope(segments=40, start=(-0.5, 0, 0.06), end=(0.5, 0, 0.06), pins="none", radius=0.01, mass=0.3)
     pole = Capsule(radius=0.05, half_length=0.3, orientation=(np.sqrt(0.5), 0, 0, np.sqrt(0.5)), static_friction=1.0)

@@ -198,7 +198,10 @@ CURTAIN = Cloth(resolution=(12, 12), pins="top", orientation=(0.7071068, 0, 0, 0
 HAMMOCK = Cloth(resolution=(12, 12), pins="corners", **STIFF)
 
 
-@pytest.mark.parametrize("scene", [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), Scene({"it": HAMMOCK})])
+@pytest.mark.parametrize(
+    "scene",
+    [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), pytest.param(Scene({"it": HAMMOCK}), marks=pytest.mark.long)],
+)
 def test_air_and_bending_are_right_too(scene):
     """Over a sixth of a second, beside twenty times the substeps. Air is of first order."""
 

@@ -74,7 +74,7 @@ def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor
     assert np.array_equal(sims[0].positions("calm"), sims[1].positions("calm"))
 
 
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, executor, monkeypatch):
     """Explicit steps too long by far: from a strained state the runaway comes within every frame."""
     monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)

@@ -168,7 +168,9 @@ def hanging(segments, rigidity, rest, loads):
     return length * np.cumsum(np.stack([np.cos(found.x), np.sin(found.x)], axis=1), axis=0)
 
 
-@pytest.mark.parametrize("substeps, iterations, order", [(20, 1, 1), (20, 4, 2), (80, 1, 2)])
+@pytest.mark.parametrize(
+    "substeps, iterations, order", [pytest.param(20, 1, 1, marks=pytest.mark.long), (20, 4, 2), (80, 1, 2)]
+)
 @pytest.mark.parametrize("segments, rigidity", [(3, 2.0), (8, 2.0), (32, 0.2), (32, 20.0)])
 def test_bent_rope_hangs_as_its_chain(device, segments, rigidity, substeps, iterations, order):
     turn = 1.0 / segments
