@@ -6,19 +6,13 @@ import logging
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from scene_values import COLLIDERS, values
+from scene_values import COLLIDERS, small, values
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.diagnostics import diagnostics
 from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
-
-
-def small(**changes):
-    """Few segments and one small ball, so that kernels are those of SMALL."""
-    few = {"colliders": ("ball",), "ball.dimensions": (0.1,), "line.segments": 7}
-    return values(**{"device": "cpu", **few, **changes})
 
 
 @pytest.mark.long

@@ -20,7 +20,8 @@ JAW = """
   ros__parameters:
     objects: [swatch]
     grippers: [jaw]
-    swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], position: [0, 0, 5], pins: corners}
+    swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], position: [0, 0, 5], pins: corners,
+             bending: dihedral, bend_compliance: 1000.0}
     jaw: {joint: knuckle, joint_commands: /jaw_commands, joint_states: /jaw_states, joint_trajectory: /jaw/trajectory,
           joint_closed: 0.8, joint_open: 0.0, speed: 1.0}
 """

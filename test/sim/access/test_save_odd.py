@@ -6,16 +6,9 @@ import os
 
 import numpy as np
 import pytest
-from driven_scenes import contents, drive, make, saved
+from driven_scenes import contents, drive, make, saved, torn_scene
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Winch
-
-
-def torn_scene():
-    """A sheet that can tear and a rope on a winch: their states hold indices."""
-    cable = Rope(segments=5, winch=Winch(length=0.5))
-    return Scene({"sheet": Cloth(resolution=(4, 4), tear_strain=0.1), "cable": cable})
-
+from cloth_sim_ros.sim import Simulation
 
 SIMULATIONS = {
     "driven": lambda: make("auto", "cpu"),
