@@ -28,7 +28,7 @@ def poison(sim, name, value):
 
 @pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+@pytest.mark.parametrize("value", [np.nan, 1e30])
 @pytest.mark.long
 def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
     sims = [Simulation(scene(), fixed(**settings), device=device, executor=executor) for _ in range(2)]

@@ -68,8 +68,7 @@ def helix(sim, stretch, wave, size):
     return x
 
 
-@pytest.mark.parametrize("substeps", [10, 40])
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(("order", "substeps"), [(1, 40), (2, 10)])
 @pytest.mark.parametrize(("share", "coils"), [(0.97, False), (-0.97, False), (1.05, True), (-1.05, True)])
 @pytest.mark.long
 def test_a_long_rope_in_tension_coils_at_greenhills_moment(device, share, coils, order, substeps):

@@ -51,7 +51,7 @@ def bending_energy(rope, start):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("compliance", [0.5, 1e-2, 1e-4, 1e-9])
+@pytest.mark.parametrize("compliance", [0.5, 1e-9])
 @pytest.mark.parametrize("held", PINS)
 @pytest.mark.long
 def test_bent_rope_gains_no_energy(device, held, compliance, order):
@@ -94,8 +94,7 @@ def zeros(times, course):
 
 
 @pytest.mark.parametrize("rest", [0.0, np.pi])
-@pytest.mark.parametrize("segments", [4, 8, 33])
-@pytest.mark.parametrize("compliance", [1e-4, 1e-9])
+@pytest.mark.parametrize("segments, compliance", [(4, 1e-9), (33, 1e-4)])
 @pytest.mark.parametrize("substeps, iterations, order", [(20, 1, 1), (10, 1, 2), (20, 1, 2), (10, 4, 2)])
 @pytest.mark.long
 def test_stiff_rope_swings_as_a_rigid_pendulum(device, rest, segments, compliance, substeps, iterations, order):
