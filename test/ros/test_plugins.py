@@ -29,6 +29,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_node_has_them_from_yaml(start, client, folder):
     node = start((folder / "scene.yaml").read_text())
     drawn = client.listen(MarkerArray, "/cloth_sim/colliders", LATCHED)

@@ -108,6 +108,7 @@ def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(unlimited):
     assert sim.report()["it"]["recoveries"] > 0
 
 
+@pytest.mark.long
 def test_in_wind_it_needs_the_step_of_any_shape(unlimited):
     """Gusts of 100 m/s: what small motions at rest allow heats the crumpled sheet, at its own limit it stays cool."""
     sheet = Cloth(resolution=(10, 10), pins="corners", shear_compliance=1e-3)

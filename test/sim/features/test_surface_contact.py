@@ -150,16 +150,17 @@ def test_no_ball_passes_a_clamped_sheet_that_it_stretches_by_half(
 SMALL = {"ball": Sphere(radius=0.02), "capsule": Capsule(radius=0.01, half_length=0.05)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("shape", "constant", "speed", "settings"),
     [
-        pytest.param("ball", 1e5, 10.0, {}, marks=pytest.mark.long),
+        ("ball", 1e5, 10.0, {}),
         ("capsule", 1e3, 5.0, {}),
-        pytest.param("ball", 1e3, 20.0, {}, marks=pytest.mark.long),
-        pytest.param("capsule", 1e5, 20.0, {}, marks=pytest.mark.long),
-        pytest.param("ball", 1e5, 5.0, {"substeps": 80, "iterations": 1}, marks=pytest.mark.long),
+        ("ball", 1e3, 20.0, {}),
+        ("capsule", 1e5, 20.0, {}),
+        ("ball", 1e5, 5.0, {"substeps": 80, "iterations": 1}),
         ("capsule", 1e5, 10.0, {"substeps": 20, "iterations": 4}),
-        pytest.param("ball", 1e3, 10.0, {"substeps": 5, "iterations": 1}, marks=pytest.mark.long),
+        ("ball", 1e3, 10.0, {"substeps": 5, "iterations": 1}),
     ],
 )
 def test_a_fine_sheet_that_a_small_thing_stretches_manifold_lets_nothing_through(

@@ -140,15 +140,16 @@ def hung_over(radius, length, segments, thickness):
     return np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "radius", "segments", "stretch", "mu", "substeps"),
     [
         (Capsule, 0.017, 40, 0.03, 0.4, 0),
         (Capsule, 0.05, 40, 0.02, 0.4, 0),
         (Capsule, 0.03, 30, 0.06, 0.4, 0),
-        pytest.param(Cylinder, 0.05, 13, 0.03, 0.3, 0, marks=pytest.mark.long),
-        pytest.param(Cylinder, 0.05, 13, 0.03, 0.3, 1000, marks=pytest.mark.long),
-        pytest.param(Cylinder, 0.05, 25, 0.03, 0.5, 0, marks=pytest.mark.long),
+        (Cylinder, 0.05, 13, 0.03, 0.3, 0),
+        (Cylinder, 0.05, 13, 0.03, 0.3, 1000),
+        (Cylinder, 0.05, 25, 0.03, 0.5, 0),
     ],
 )
 def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
