@@ -8,20 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_scenes import drive, make
+from driven_scenes import drive, make, torn_scene
 from mutation import damaged, guarded, reworded, sentence
 
 from cloth_sim_ros.ros.inputs.robot import read_robot
 from cloth_sim_ros.ros.parameters.file import readable_arguments
+from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.input.mesh_reading import read
 from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.study.scene_file import read_plan
 
 ROOT = Path(__file__).parents[2]
-MANY, PART = 10_000, 2_500
+PARTS = [range(begin, begin + 2_500) for begin in range(0, 10_000, 2_500)]
 seeds_of = pytest.mark.parametrize(
     "seeds",
-    [range(200), *(pytest.param(range(k, k + PART), marks=pytest.mark.long) for k in range(0, MANY, PART))],
+    [range(200), *(pytest.param(part, marks=pytest.mark.long) for part in PARTS)],
     ids=str,
 )
 
@@ -39,12 +40,20 @@ def refused(act, what):
     return False
 
 
-@seeds_of
-@pytest.mark.parametrize("case", ["auto", "ropes"])
+@pytest.mark.parametrize(
+    ("case", "seeds"),
+    [
+        *((case, range(200)) for case in ("auto", "torn")),
+        *(pytest.param(case, seeds, marks=pytest.mark.long) for case in ("auto", "ropes") for seeds in PARTS),
+    ],
+    ids=str,
+)
 def test_states(case, seeds, tmp_path):
-    sim, good, bad = make(case, "cpu"), tmp_path / "good.npz", tmp_path / "bad.npz"
+    sim = Simulation(torn_scene(), device="cpu") if case == "torn" else make(case, "cpu")
+    good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
     for k in range(8):
-        drive(sim, k)
+        if case != "torn":
+            drive(sim, k)
         sim.step()
     sim.save(good)
     content = good.read_bytes()

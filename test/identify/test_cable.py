@@ -201,6 +201,7 @@ def test_the_command_fits_judges_and_writes(tmp_path, monkeypatch, capsys):
     assert fit_cable.main() == 2 and "cannot be read" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_folder_of_cables_is_judged(tmp_path, monkeypatch, capsys):
     """A file of several runs is a cable, and files of one run are a cable together."""
     runs = [record(seed, 0.0, frames=12) for seed in (1, 2)]

@@ -39,7 +39,8 @@ def test_it_is_a_vector_environment(device, name):
     env.close()
 
 
-@pytest.mark.parametrize("name", ["FoldTowel", *(pytest.param(name, marks=pytest.mark.long) for name in OTHERS)])
+@pytest.mark.long
+@pytest.mark.parametrize("name", TASKS)
 @pytest.mark.filterwarnings("ignore:.*A Box observation space:UserWarning")  # particles may be anywhere
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_one_alone_is_an_environment_that_steps_as_the_first_of_many(device, name):

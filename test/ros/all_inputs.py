@@ -11,7 +11,8 @@ SCENE = """
     handles: [hand]
     spare_colliders: 1
     wind: {enabled: true}
-    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1], damping: 0.001}
+    cloth: {type: cloth, resolution: [7, 6], size: [0.6, 0.5], pins: corners, position: [0, 0, 1], damping: 0.001,
+            bending: dihedral, bend_compliance: 1000.0}
     cable: {type: rope, segments: 8, start: [1, 0, 2], end: [1, 0, 1], end_mass: 0.1,
             winch: {enabled: true, length: 0.5, acceleration: 4.0, timeout: 0.2}}
     ball: {shape: sphere, dimensions: [0.15], position: [0, 0, 0.83]}

@@ -17,3 +17,9 @@ def values(**changes):
     for name in COLLIDERS:
         found |= {f"{name}.shape": shapes[name], f"{name}.dimensions": dimensions[name]}
     return found | {name.replace("__", "."): value for name, value in changes.items()}
+
+
+def small(**changes):
+    """Few segments and one small ball, on the CPU, so that kernels are those of SMALL; with `changes`."""
+    few = {"colliders": ("ball",), "ball.dimensions": (0.1,), "line.segments": 7}
+    return values(**{"device": "cpu", **few, **changes})

@@ -22,15 +22,15 @@ LINE = re.compile(
 )
 
 
-@pytest.mark.parametrize("scene", ["towel"])  # test_scenes.py has all of them
-def test_demo_runs_and_ends_by_itself(scene):
-    command = [sys.executable, "-m", "cloth_sim_ros.demo", scene, "--seconds", "4"]
+def test_demo_runs_and_ends_by_itself():
+    """Of the scene that compiles least; test_scenes.py has all of them."""
+    command = [sys.executable, "-m", "cloth_sim_ros.demo", "winch", "--seconds", "4"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=patience(120), check=False)
     assert result.returncode == 0, result.stderr
     lines = LINE.findall(result.stdout)
     assert len(lines) >= 3, result.stdout
     assert all(int(rate) > 0 for rate in lines[-1])
-    assert "Ctrl-C ends it. Another scene: make demo SCENE=flag" in result.stdout
+    assert "Ctrl-C ends it. Another scene: make demo SCENE=towel" in result.stdout
     assert "Traceback" not in result.stderr and "[WARN]" not in result.stdout + result.stderr
 
 

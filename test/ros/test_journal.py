@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Listeners of the journal that come and go, recorders that are killed, and bags that were changed."""
 
+import importlib
 import json
 import random
 import re
@@ -39,11 +40,6 @@ def bag(tmp_path_factory, ros):
     return folder / "bag"
 
 
-def replay(path):
-    command = [*PYTHON, "cloth_sim_ros.record.replay", str(path)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
-
-
 @pytest.mark.long
 def test_listeners_that_come_and_go_leave_nothing_in_the_node(start, client):
     node = start(SMALL.replace("[6, 5]", "[64, 64]")).ready()
@@ -73,7 +69,8 @@ def test_listeners_that_come_and_go_leave_nothing_in_the_node(start, client):
 def test_a_killed_recording_is_replayed_up_to_there(bag):
     killed = bag.parent / "killed"
     assert not (killed / "metadata.yaml").exists()
-    done = replay(killed)
+    command = [*PYTHON, "cloth_sim_ros.record.replay", str(killed)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0, done.stderr
     assert f"{killed} was not finished by its recorder; this is what it had written" in done.stdout
     compared = int(re.search(r"(\d+) clouds compared, \1 the same bits", done.stdout)[1])
@@ -116,25 +113,27 @@ def test_one_flipped_bit_is_refused_or_changes_nothing(bag, tmp_path):
         '{"version": 2, "sequence": 0, "stamp": [0, 0], "start": {}}',
     ],
 )
-def test_a_journal_that_no_node_wrote_is_refused(bag, tmp_path, entry):
+def test_a_journal_that_no_node_wrote_is_refused(bag, tmp_path, capsys, entry):
     import rclpy.serialization
     from test_record import copied
 
+    from cloth_sim_ros.record import replay
+
     data = rclpy.serialization.serialize_message(String(data=entry))
     other = copied(bag, tmp_path / "other", lambda topic, old: data if topic.endswith("/journal") else old)
-    done = replay(other)
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert f"{other} has a /cloth_sim/journal that no cloth_sim node wrote" in done.stderr
+    assert replay.main([str(other)]) == 1
+    assert f"{other} has a /cloth_sim/journal that no cloth_sim node wrote" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("seconds", ["-1", "0", "nan", "soon"])
-@pytest.mark.parametrize("module", ["record.recorder", "demo"])
-def test_a_time_that_is_none_is_refused(tmp_path, module, seconds):
+@pytest.mark.parametrize("module", ["record.recorder", "demo.__main__"])
+def test_a_time_that_is_none_is_refused(tmp_path, capsys, module, seconds):
+    program = importlib.import_module(f"cloth_sim_ros.{module}")
     where = [str(tmp_path / "bag")] if module == "record.recorder" else []
-    command = [*PYTHON, f"cloth_sim_ros.{module}", *where, f"--seconds={seconds}"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2 and "Traceback" not in done.stderr
-    assert f"argument --seconds: '{seconds}' is no time; allowed is a number of seconds above 0" in done.stderr
+    with pytest.raises(SystemExit) as ended:
+        program.main([*where, f"--seconds={seconds}"])
+    told = f"argument --seconds: '{seconds}' is no time; allowed is a number of seconds above 0"
+    assert ended.value.code == 2 and told in capsys.readouterr().err
     assert not (tmp_path / "bag").exists()
 
 

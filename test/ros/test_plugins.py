@@ -29,6 +29,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_node_has_them_from_yaml(start, client, folder):
     node = start((folder / "scene.yaml").read_text())
     drawn = client.listen(MarkerArray, "/cloth_sim/colliders", LATCHED)
@@ -62,6 +63,7 @@ def test_a_plugin_that_is_not_there_is_named(start):
     assert "pull.type is 'magnet'; allowed is none, as no plugin adds any" in node.log
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [block for block in BLOCKS if "import" in block], ids=range(5))
 def test_each_piece_of_code_runs_alone(block, folder):
     (folder / "piece.py").write_text(block)

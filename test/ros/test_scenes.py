@@ -135,6 +135,7 @@ def test_the_panels_of_the_shirt_sew_themselves_together():
     assert sim.report()["front"]["max_penetration"] < 1e-3
 
 
+@pytest.mark.long
 def test_the_ball_stays_under_its_sheet():
     sim = simulation("sheet_over_ball")
     for until in (2.0, 3.5, 5.0):
@@ -193,6 +194,7 @@ def test_the_hose_carries_its_torque():
     assert np.abs(sim.positions("hose")[:, 1]).max() > 0.02 > 3.0 * straight, "then it winds itself up"
 
 
+@pytest.mark.long
 def test_the_gripper_carries_the_napkin_and_drops_it():
     plan = read_plan(ROOT / "config/gripper.yaml")
     sim, hand = Simulation(plan.scene, plan.settings, device="cpu"), GripperDriver("hand", plan.grippers["hand"])
@@ -249,6 +251,7 @@ def test_the_load_swings_as_a_pendulum():
     assert np.abs(x[-200:]).max() == pytest.approx(1.0, rel=1e-3), "it swings as far as at first"
 
 
+@pytest.mark.long
 def test_the_knot_is_pulled_tight():
     """The tightest open trefoil takes 10.1 diameters of rope (Pieranski, Przybyl and Stasiak 2001)."""
     plan = read_plan(ROOT / "config/knot.yaml")

@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from scene_values import COLLIDERS, values
+from scene_values import COLLIDERS, small, values
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.diagnostics import diagnostics
@@ -17,7 +17,7 @@ from cloth_sim_ros.ros.world import World
 
 @pytest.mark.long
 def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_them():
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(ball__dimensions=(0.3,)), logging.getLogger("test"))
     assert world.build(world.values)
     start = world.sim.positions("sheet")
     there = Pose((0.0, 0.0, 0.3), (0.0, 0.0, 0.0, 1.0))
@@ -34,9 +34,8 @@ def test_reset_brings_objects_back_and_leaves_colliders_where_their_senders_put_
     assert pushed[:, 2].max() > 0.02, "the ball still reaches into the sheet and pushes it up at once"
 
 
-@pytest.mark.long
 def test_the_measured_error_is_in_the_diagnostics():
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     for _ in range(20):
         world.advance()
@@ -49,7 +48,7 @@ def test_the_measured_error_is_in_the_diagnostics():
 
 
 def test_a_frame_beyond_its_budget_is_told_where_substeps_are_chosen():
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     allowed = 1e3 * world.sim.settings.budget * world.sim.settings.frame_dt
 
@@ -60,13 +59,12 @@ def test_a_frame_beyond_its_budget_is_told_where_substeps_are_chosen():
     assert message(1.1) == "running"
     world.sim.set("solver.substeps", 20)
     assert message(1.5) == "running"
-    assert world.build(values(device="cpu", objects=[]))
+    assert world.build(small(objects=[]))
     assert message(1.5) == "running", "an empty scene has no budget"
 
 
-@pytest.mark.long
 def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     arrays, span, _ = world.sim.device_arrays("line")
     rows = arrays.state.velocities[span].numpy()
@@ -84,10 +82,10 @@ def test_an_object_that_goes_bad_is_named_in_log_and_diagnostics(caplog):
 
 
 def test_a_method_that_needs_more_substeps_than_asked_is_refused_and_the_simulation_goes_on(caplog):
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     before = world.sim
-    assert not world.build(values(device="cpu", solver__method="verlet", solver__substeps=5))
+    assert not world.build(small(solver__method="verlet", solver__substeps=5))
     assert world.sim is before and "solver.substeps is 5 with method 'verlet'" in caplog.text
     assert "the simulation before goes on" in caplog.text
     world.advance()
@@ -117,7 +115,7 @@ def test_what_starts_inside_of_a_collider_or_crosses_itself_is_told_at_once(capl
 
 
 def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, tmp_path):
-    first, second = (World(values(device="cpu"), logging.getLogger("test")) for _ in range(2))
+    first, second = (World(small(), logging.getLogger("test")) for _ in range(2))
     assert first.build(first.values) and second.build(second.values)
     there = Pose((0.0, 0.0, 0.25), (0.0, 0.0, 0.0, 1.0))
     first.tracks["ball"].push(1.0, there, arrival=0.0)
@@ -157,7 +155,7 @@ def test_a_loaded_state_brings_its_poses_and_parameters_and_no_old_news(caplog, 
     ],
 )
 def test_notes_that_no_node_wrote_are_none(tmp_path, notes):
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     before = dict(world.in_effect)
     world.sim.save(tmp_path / "state.npz", notes)
@@ -172,7 +170,7 @@ def test_notes_that_no_node_wrote_are_none(tmp_path, notes):
 
 @pytest.mark.long
 def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
-    far = values(device="cpu", handles=("hand",))
+    far = small(handles=("hand",))
     rows = names.prefixed("hand", names.HANDLE)
     far |= {name: row.default for name, row in rows.items()} | {"hand.attached": True, "hand.position": (0, 0, 7.0)}
     world = World(far, logging.getLogger("test"))
@@ -183,7 +181,7 @@ def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
 def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
     """Each place of it is another value, with other bounds of the substeps."""
     caplog.set_level(logging.INFO)
-    world = World(values(device="cpu", **{"wind.enabled": False}), logging.getLogger("test"))
+    world = World(small(**{"wind.enabled": False}), logging.getLogger("test"))
     assert world.build(world.values)
     caplog.clear()
     bounds = set()
@@ -204,7 +202,7 @@ def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
 
 def test_substeps_that_are_picked_anew_each_second_do_not_fill_the_log(caplog):
     caplog.set_level(logging.INFO)
-    world = World(values(device="cpu"), logging.getLogger("test"))
+    world = World(small(), logging.getLogger("test"))
     assert world.build(world.values)
     substeps = set()
     for _ in range(6):

@@ -38,6 +38,12 @@ def ropes_scene():
     return Scene({"cable": cable, "hose": hose}, {"ball": BALL}, Wind((0.0, 2.0, 0.5)))
 
 
+def torn_scene():
+    """A sheet that can tear and a rope on a winch: their states hold indices."""
+    cable = Rope(segments=5, winch=Winch(length=0.5))
+    return Scene({"sheet": Cloth(resolution=(4, 4), tear_strain=0.1), "cable": cable})
+
+
 def drive(sim, k):
     """What happens before frame k: everything that may be told to a simulation while it runs."""
     world = sim.worlds - 1

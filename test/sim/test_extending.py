@@ -87,7 +87,7 @@ def test_a_cone_lifts_the_middle_of_a_towel(plugin, device):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"method": "verlet", "substeps": 100}, {"order": 1}, pytest.param({"order": 2}, marks=pytest.mark.long)],
+    [{}, *(pytest.param(way, marks=pytest.mark.long) for way in ({"order": 1}, {"method": "verlet", "substeps": 100}))],
 )
 @pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_a_spring_to_a_height_swings_a_sheet_as_the_closed_form(monkeypatch, device, settings, executor):

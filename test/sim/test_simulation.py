@@ -14,7 +14,6 @@ from cloth_sim_ros.sim import (
     Readback,
     Rope,
     Scene,
-    Settings,
     Simulation,
     Sphere,
     Wind,
@@ -23,9 +22,7 @@ from cloth_sim_ros.sim import (
 
 def sheet_sim(device, colliders=None, wind=None, **fields):
     cloth = Cloth(**{"resolution": (9, 9), "pins": "top", "orientation": (0.70710678, 0, 0, 0.70710678), **fields})
-    return Simulation(
-        Scene({"cloth": cloth}, colliders or {}, wind), Settings(method="xpbd", order=1, substeps=20), device=device
-    )
+    return Simulation(Scene({"cloth": cloth}, colliders or {}, wind), fixed(), device)
 
 
 def test_particles_lie_where_the_scene_says(device):

@@ -40,6 +40,7 @@ def test_a_strip_over_an_edge_has_the_rigidity_of_its_direction(degrees, wanted)
     assert found == pytest.approx(wanted, rel=0.03)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["one way", "hexagonal", "delaunay"])
 def test_a_square_in_a_picture_frame_shears_by_its_modulus(kind):
     """An irregular mesh had 4.5 % less."""

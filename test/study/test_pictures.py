@@ -36,6 +36,7 @@ def test_camera_sees_in_perspective():
     np.testing.assert_allclose(seen, [[0.25, 0.0], [0.125, 0.25]], atol=1e-12)
 
 
+@pytest.mark.long
 def test_curtain_is_pushed_by_the_ball_and_stays_out_of_it():
     cloths, balls, _ = curtain.shots(24, "cpu")
     assert len(cloths) == len(curtain.SHOTS)
@@ -50,6 +51,7 @@ def test_gathered_curtain_keeps_its_length():
     assert length == pytest.approx(curtain.SIZE[0], rel=0.06)
 
 
+@pytest.mark.long
 def test_saved_picture_is_small_and_not_blank(tmp_path):
     path = tmp_path / "curtain.png"
     save_png(curtain.draw("cpu", resolution=16), path)

@@ -69,6 +69,7 @@ def test_the_cheat_sheet_is_a_scene_that_runs(tmp_path):
     assert len(lines) == 11
 
 
+@pytest.mark.long
 def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):
     sim = simulations["towel"]
     assert sim.held("hand") == 1 and set(sim.scene.objects) == {"towel", "cable"}
@@ -78,6 +79,7 @@ def test_the_first_scene_has_a_hand_that_keeps_a_corner(simulations):
     assert sim.positions("towel")[:, 2].max() == pytest.approx(0.305, abs=2e-3)
 
 
+@pytest.mark.long
 def test_the_python_example_runs(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
     exec(code.replace('"auto"', '"cpu"'), {})

@@ -136,6 +136,7 @@ def test_energy_is_what_the_equations_say():
     assert np.ptp(found[:, 1]) > 1.0 and np.abs(found.sum(1)).max() < 2e-3
 
 
+@pytest.mark.long
 def test_the_command_counts_and_writes(monkeypatch, tmp_path, capsys):
     options = ("--device", "cpu", "--seed", "5", "--case", "degenerate", "--output", str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["study", "stability", *options, "--method", "verlet", "xpbd 1", "--jobs", "2"])

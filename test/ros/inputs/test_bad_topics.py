@@ -15,7 +15,10 @@ cloth_sim:
   ros__parameters:
     objects: [cloth]
     colliders: [ball]
-    cloth: {resolution: [12, 12], pins: edges, position: [0.0, 0.0, 1.0], thickness: 0.01}
+    handles: [hand]                       # idle, and room for a collider: kernels are those of all_inputs.py
+    spare_colliders: 1
+    cloth: {resolution: [12, 12], pins: edges, position: [0.0, 0.0, 1.0], thickness: 0.01,
+            bending: dihedral, bend_compliance: 1000.0}
     ball: {dimensions: [0.1], position: [0.0, 0.0, 0.0]}
     wind: {enabled: true}
     pose_timeout: 30.0                    # no silence of these tests lets an older stamp pass

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import TransformStamped
 from rclpy.time import Time
-from scene_values import values
+from scene_values import small
 from scipy.spatial.transform import Rotation, Slerp
 from test_inputs import pose, wind
 
@@ -88,7 +88,7 @@ def test_what_the_buffer_cannot_tell_is_refused_with_its_reason(frame, stamp, wo
 def test_a_collider_goes_with_its_frame_and_what_is_late_is_told(caplog):
     caplog.set_level(logging.INFO)
     buffer = Buffer(newest=1.0)
-    world = World(values(device="cpu", pose_timeout=0.05), logging.getLogger("test"), Frames("world", buffer=buffer))
+    world = World(small(pose_timeout=0.05), logging.getLogger("test"), Frames("world", buffer=buffer))
     assert world.build(world.values)
     world.set_live("ball.follow_frame", "gripper", world.values)
     for _ in range(60):
@@ -124,7 +124,7 @@ def test_a_collider_goes_with_its_frame_and_what_is_late_is_told(caplog):
 )
 def test_a_frame_that_is_nowhere_leaves_things_where_they_are(caplog, place, turn, words):
     frames = Frames("world")
-    world = World(values(device="cpu"), logging.getLogger("test"), frames)
+    world = World(small(), logging.getLogger("test"), frames)
     assert world.build(world.values)
     world.set_live("ball.follow_frame", "hand", world.values)
     before = world.sim.get("ball.position")

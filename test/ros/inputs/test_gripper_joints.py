@@ -20,7 +20,8 @@ JAW = """
   ros__parameters:
     objects: [swatch]
     grippers: [jaw]
-    swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], position: [0, 0, 5], pins: corners}
+    swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], position: [0, 0, 5], pins: corners,
+             bending: dihedral, bend_compliance: 1000.0}
     jaw: {joint: knuckle, joint_commands: /jaw_commands, joint_states: /jaw_states, joint_trajectory: /jaw/trajectory,
           joint_closed: 0.8, joint_open: 0.0, speed: 1.0}
 """
@@ -82,10 +83,10 @@ def test_a_command_while_paused_or_after_another_topic_is_kept(jaw, client):
     client.until(
         lambda: jaw.at(0.2), meanwhile=lambda: client.publish("/cloth_sim/grippers/jaw/opening", Float64(data=0.06))
     )
-    assert client.set("swatch.self_contact", True).successful  # builds anew
+    assert client.set("swatch.resolution", [5, 4]).successful  # builds anew
     jaw.send(position=[0.5])
     client.until(lambda: jaw.at(0.5))
-    assert client.set("swatch.self_contact", False).successful
+    assert client.set("swatch.resolution", [4, 4]).successful
     client.spin(0.5)
     client.until(lambda: jaw.at(0.5))
 
@@ -183,21 +184,22 @@ def test_a_joint_of_another_name_is_told_once(jaw, client):
 
 
 def test_names_that_no_topic_has_and_equal_ends_are_told(start):
-    for commands, why in (
-        ("'my jaw'", "must not contain characters other than"),
-        ("/jaw//commands", "must not contain repeated '/'"),
-        ("'{side}/jaw'", "unknown substitution"),
-        ("/jaw_states", "this node sends on it, and would hear itself"),
-    ):
-        node = start(JAW.replace("/jaw_commands", commands)).ready()
-        told = f"jaw.joint_commands is {commands if commands[0] == QUOTE else QUOTE + commands + QUOTE}, left out: "
-        assert told in node.log and why in node.log and "Traceback" not in node.log
-        node.end()
-    node = start(JAW.replace("/jaw/trajectory", "/jaw_commands")).ready()
-    assert "jaw.joint_trajectory is '/jaw_commands', left out: this node takes JointState from it" in node.log
-    node.end()
-    node = start(JAW.replace("joint_open: 0.0", "joint_open: 0.8")).ready()
-    assert "jaw.joint_open is 0.8, as is joint_closed; they must differ" in node.log and "Traceback" not in node.log
+    names = {
+        "first": ("'my jaw'", "must not contain characters other than"),
+        "second": ("/jaw//commands", "must not contain repeated '/'"),
+        "third": ("'{side}/jaw'", "unknown substitution"),
+        "fourth": ("/jaw_states", "this node sends on it, and would hear itself"),
+    }
+    rows = {name: f"joint_commands: {commands}, joint_states: /jaw_states" for name, (commands, _) in names.items()}
+    rows["fifth"] = "joint_commands: /jaw_commands, joint_trajectory: /jaw_commands"
+    rows["sixth"] = "joint_closed: 0.8, joint_open: 0.8"
+    text = "".join(f"    {name}: {{{row}}}\n" for name, row in rows.items())
+    node = start(f"/**:\n  ros__parameters:\n    grippers: [{', '.join(rows)}]\n{text}").ready()
+    for name, (commands, why) in names.items():
+        told = f"{name}.joint_commands is {commands if commands[0] == QUOTE else QUOTE + commands + QUOTE}, left out: "
+        assert told in node.log and why in node.log
+    assert "fifth.joint_trajectory is '/jaw_commands', left out: this node takes JointState from it" in node.log
+    assert "sixth.joint_open is 0.8, as is joint_closed; they must differ" in node.log and "Traceback" not in node.log
 
 
 def test_work_is_the_same_of_joint_and_fingers():

@@ -12,9 +12,12 @@ SCENE = """
   ros__parameters:
     objects: [flag, rope]
     colliders: [plate]
+    handles: [hand]  # idle, and room for a collider: kernels are those of all_inputs.py
+    spare_colliders: 1
     gravity: [0, 0, -9.81]
     flag:
-      {resolution: [6, 6], size: [0.5, 0.5], position: [0, 5, 0], orientation: [0.7071068, 0, 0, 0.7071068], pins: top}
+      {resolution: [6, 6], size: [0.5, 0.5], position: [0, 5, 0], orientation: [0.7071068, 0, 0, 0.7071068], pins: top,
+       bending: dihedral, bend_compliance: 1000.0}
     rope:
       type: rope
       segments: 16

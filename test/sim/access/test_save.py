@@ -81,6 +81,8 @@ def test_live_values_are_those_of_the_file(device, tmp_path):
 
 def test_what_the_budget_leaves_is_told_once(device, tmp_path):
     a, b = make("auto", device), make("auto", device)
+    for sim in (a, b):
+        sim.set("solver.budget", 0.1)
     a.set("solver.error", 1e-6)
     run(a, 0)
     a.save(tmp_path / "a.npz")

@@ -56,7 +56,7 @@ def test_tension_is_the_weight_below(device, compliance, order):
     assert np.array_equal(sim.tensions("it"), np.zeros(segments))
 
 
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 @pytest.mark.parametrize("compliance", [0.0, 1e-3])
 def test_between_two_held_ends_the_catenary_has_its_tension(device, compliance, executor):
     segments, span = 24, 0.8
@@ -128,9 +128,7 @@ def test_a_dashpot_pulls_with_the_springs(device):
 
 def test_each_world_has_its_own_tension(device):
     thing, expected = hanging(8, 1e-4)
-    sim = Simulation(
-        Scene({"it": thing}), Settings(method="xpbd", order=1, substeps=20, global_damping=8.0), device=device, worlds=2
-    )
+    sim = Simulation(Scene({"it": thing}), fixed(global_damping=8.0), device, worlds=2)
     sim.set("gravity", (0, 0, -2 * G), world=1)
     sim.step(200)
     assert sim.tensions("it", 0) == pytest.approx(expected, rel=1e-3)

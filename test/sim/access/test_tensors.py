@@ -149,7 +149,7 @@ def test_a_mask_tells_which_worlds_were_put_back(device):
     assert not many.recovered().any() and not many.tensor("rope", "recoveries").numpy().any()
 
 
-@pytest.mark.parametrize("settings", [{"order": 1}, {"method": "verlet", "substeps": 300}], ids=["chain", "springs"])
+@pytest.mark.parametrize("settings", [{}, {"method": "verlet", "substeps": 300}], ids=["chain", "springs"])
 def test_tensions_of_ropes_that_hang_are_the_weight_below(device, settings):
     """In each world by its own gravity; the tensor shows the state when it was asked for."""
     rope = Rope(segments=8, mass=0.9, start=(0, 0, 0), end=(0, 0, -1), damping=0.05, stretch_compliance=1e-3)
@@ -173,7 +173,7 @@ def test_contact_forces_of_what_lies_carry_its_weight(device, others):
     balls = {f"ball{k}": Sphere(radius=0.1, position=(0.3 * k, 0, -0.1)) for k in range(others)}
     rope = Rope(segments=4, start=(0, 0, 3), end=(1, 0, 3))
     objects = {"rope": rope, "sheet": sheet}
-    sim = Simulation(Scene(objects, {"table": Plane(), **balls}), fixed(order=1), device, worlds=2)
+    sim = Simulation(Scene(objects, {"table": Plane(), **balls}), fixed(), device, worlds=2)
     sim.set("gravity", np.array([[0, 0, -5.0], [0, 0, -10.0]]))
     sim.step(30)
     pushes = sim.tensor("sheet", "contact_forces")
@@ -227,7 +227,7 @@ def test_arrays_and_masks_that_cannot_be_are_refused(action, words):
 def test_sixteen_worlds_of_16x16_differ_in_one_call(device):
     """Each sheet hangs at rest as its own gravity and compliance say: by the sum of loads along its threads."""
     sheet = Cloth(resolution=(16, 16), size=(1, 1), mass=0.1, pins="top", shear_compliance=None, damping=0.01)
-    sim = Simulation(Scene({"sheet": sheet}), fixed(order=1), device, worlds=16)
+    sim = Simulation(Scene({"sheet": sheet}), fixed(), device, worlds=16)
     compliance, pull = np.geomspace(1e-3, 1e-2, 16), np.linspace(5, 10, 16)
     sim.set("sheet.stretch_compliance", compliance)
     sim.set("gravity", np.column_stack([np.zeros(16), pull, np.zeros(16)]) * [1, -1, 1])

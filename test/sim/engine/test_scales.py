@@ -217,7 +217,7 @@ def test_a_pose_is_that_of_a_body_of_its_size(device):
             assert np.allclose(many.positions(name, w), expected, atol=2e-7)
 
 
-@pytest.mark.parametrize("kind", ["mesh", "grid", "rope"])
+@pytest.mark.parametrize("kind", [*(pytest.param(kind, marks=pytest.mark.long) for kind in ("mesh", "grid")), "rope"])
 def test_the_choice_is_that_of_the_smallest_world(device, kind):
     """The smaller it is, the stiffer a mesh or a grid bends, and the stiffer the segments of a rope are."""
 

@@ -108,6 +108,7 @@ def test_below_its_limit_it_flies_apart_which_is_why_it_is_refused(unlimited):
     assert sim.report()["it"]["recoveries"] > 0
 
 
+@pytest.mark.long
 def test_in_wind_it_needs_the_step_of_any_shape(unlimited):
     """Gusts of 100 m/s: what small motions at rest allow heats the crumpled sheet, at its own limit it stays cool."""
     sheet = Cloth(resolution=(10, 10), pins="corners", shear_compliance=1e-3)
@@ -198,7 +199,10 @@ CURTAIN = Cloth(resolution=(12, 12), pins="top", orientation=(0.7071068, 0, 0, 0
 HAMMOCK = Cloth(resolution=(12, 12), pins="corners", **STIFF)
 
 
-@pytest.mark.parametrize("scene", [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), Scene({"it": HAMMOCK})])
+@pytest.mark.parametrize(
+    "scene",
+    [Scene({"it": CURTAIN}, wind=Wind((0.5, 3, 0))), pytest.param(Scene({"it": HAMMOCK}), marks=pytest.mark.long)],
+)
 def test_air_and_bending_are_right_too(scene):
     """Over a sixth of a second, beside twenty times the substeps. Air is of first order."""
 

@@ -11,6 +11,7 @@ from cloth_sim_ros.sim import Handle, Rope, Scene, Simulation
 SEGMENTS, LENGTH, TURN = 32, 0.6, 2.0  # an arc that turns by 2 rad
 EI, GJ, TIME = 4e-3, 0.1, 0.05
 HELD = (0, 1, SEGMENTS - 1, SEGMENTS)
+ORDERS = [pytest.param(1, marks=pytest.mark.long), 2]
 
 
 def arc():
@@ -51,7 +52,7 @@ def resistances(x):
     return EI * TIME * (turns**2 / span).sum(axis=1)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_a_bent_rope_that_goes_round_with_its_clamps_is_not_damped(device, order):
     """About the line through its ends, so that each cross-section turns about the rope by another share."""
     sim, points = clamped(device, order)
@@ -67,7 +68,7 @@ def test_a_bent_rope_that_goes_round_with_its_clamps_is_not_damped(device, order
     assert abs(np.mean(torques[-30:])) < 0.02 * speed * resistances(sim.positions("it")).sum()
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_cross_sections_that_turn_in_a_bent_rope_are_damped(device, order):
     """Clamps turn about the rope where it ends, and its shape stands still."""
     sim, points = clamped(device, order)
@@ -83,7 +84,7 @@ def test_cross_sections_that_turn_in_a_bent_rope_are_damped(device, order):
     assert sim.positions("it") == pytest.approx(points, abs=0.01)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 def test_a_bend_in_a_plane_is_damped_alike_with_and_without_twist(device, order):
     """Without, dashpots act on how much a joint is bent alone."""
     places = []
@@ -101,7 +102,7 @@ def test_a_bend_in_a_plane_is_damped_alike_with_and_without_twist(device, order)
     assert places[0] == pytest.approx(places[1], abs=5e-3 * np.abs(places[0]).max())
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("speed", [0.0, 3.0])
 def test_material_that_lags_behind_its_balance_comes_back_in_the_time_of_the_dashpots(device, order, speed):
     """A straight rope moves sideways with its hands. As its twist is damped as it is stiff, every wave decays alike."""

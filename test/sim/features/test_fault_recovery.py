@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere, Wind
 
 SHORT = Rope(segments=8, stretch_compliance=1e-2)
 
@@ -28,7 +28,7 @@ def poison(sim, name, value):
 
 @pytest.mark.parametrize("executor", ["block", "graph"])
 @pytest.mark.parametrize("settings", [{}, {"order": 2}, {"method": "verlet", "substeps": 120}])
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+@pytest.mark.parametrize("value", [np.nan, 1e30])
 @pytest.mark.long
 def test_a_bad_object_is_put_back_alone(device, executor, settings, value):
     sims = [Simulation(scene(), fixed(**settings), device=device, executor=executor) for _ in range(2)]
@@ -74,13 +74,14 @@ def test_a_state_that_is_never_good_gives_way_to_the_rest_shape(device, executor
     assert np.array_equal(sims[0].positions("calm"), sims[1].positions("calm"))
 
 
-@pytest.mark.parametrize("executor", ["block", "graph"])
+@pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_a_runaway_of_explicit_steps_is_done_again_before_the_watch_sees_it(device, executor, monkeypatch):
     """Explicit steps too long by far: from a strained state the runaway comes within every frame."""
     monkeypatch.setattr("cloth_sim_ros.sim.substeps.limits.explicit_substeps", lambda *_, **__: 1)
     wild = Rope(segments=8, stretch_compliance=1e-7)
     calm = Rope(segments=8, stretch_compliance=1e-2, position=(0, 3, 0))
-    settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, gravity=(0, 0, 0))
+    far = {"ball": Sphere(radius=0.15, position=(0, 0, -9))}  # with it the kernels are those of test_trial.py
+    settings, both = Settings(method="verlet", substeps=60), Scene({"wild": wild, "calm": calm}, far, gravity=(0, 0, 0))
     sims = [Simulation(both, settings, device=device, executor=executor) for _ in "ab"]
     sims[0].set_positions("wild", sims[0].rest_positions("wild") * 1.3)
     stored = spring_energy(sims[0], "wild")

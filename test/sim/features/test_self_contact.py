@@ -236,7 +236,8 @@ def test_a_rope_bends_to_a_radius_little_above_its_own(device, segments):
         damping=1e-3,
         self_contact=True,
     )
-    sim = Simulation(Scene({"it": rope}), Settings(global_damping=2.0), device)
+    floor = {"floor": Plane(position=(0, 0, -9))}
+    sim = Simulation(Scene({"it": rope}, floor), Settings(global_damping=2.0), device)
     along = length * np.linspace(0.0, 1.0, segments + 1)
     leg = 0.5 * (length - np.pi * bow)
     turn = np.clip((along - leg) / bow, 0.0, np.pi)
@@ -266,7 +267,9 @@ def test_what_meets_nothing_moves_as_without(device):
     hung = Cloth(resolution=(10, 10), pins="corners")
     sims = [
         Simulation(
-            Scene({"it": dataclasses.replace(hung, self_contact=on)}), Settings(substeps=20), device, executor="graph"
+            Scene({"it": dataclasses.replace(hung, self_contact=on)}, {"floor": Plane(position=(0, 0, -9))}),
+            Settings(substeps=20),
+            device,
         )
         for on in (False, True)
     ]
@@ -276,7 +279,7 @@ def test_what_meets_nothing_moves_as_without(device):
 
 
 def test_explicit_steps_refuse_it():
-    scene = Scene({"it": Cloth(resolution=(4, 4), self_contact=True)})
+    scene = Scene({"it": Cloth(resolution=(4, 4), self_contact=True)}, {"floor": Plane(position=(0, 0, -9))})
     with pytest.raises(ValueError, match="method is 'verlet' with self_contact of it; allowed is 'auto' or 'xpbd'"):
         Simulation(scene, Settings(method="verlet"), "cpu")
     assert Simulation(scene, device="cpu").choices["it"].method == "xpbd"

@@ -131,7 +131,8 @@ def bumpy():
 
 
 PLATE, SPRINGS = {"bending": "dihedral", "bend_compliance": 1e2}, {"bending": "springs", "bend_compliance": 0.1}
-AMONG = {"wind": Wind(NOTHING), "colliders": {"ball": Sphere(position=(0, 0, 9), radius=0.05)}}
+BALL = Sphere(position=(0, 0, 9), radius=0.05)
+AMONG = {"wind": Wind(NOTHING), "colliders": {"ball": BALL}, "handles": {"hand": Handle(position=(0, 0, 9))}}
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,7 @@ def test_parts_that_are_cut_have_nothing_to_do_with_one_another(device, cloth, w
 
 
 def test_the_mesh_holds_the_triangles_that_are_left_and_the_air_pushes_no_others(device):
-    sim = simulated(sheet(), device, wind=Wind((0.0, 0.0, 0.02)), colliders=AMONG["colliders"], order=1)
+    sim = simulated(sheet(), device, **{**AMONG, "wind": Wind((0.0, 0.0, 0.02))})
     readback = Readback(sim, "sheet", normals=True, mesh=True)
     sim.cut("sheet", KNIFE)
     readback.request()
@@ -180,7 +181,7 @@ def test_the_mesh_holds_the_triangles_that_are_left_and_the_air_pushes_no_others
     assert np.allclose(readback.particles()[:, 3:6], (0, 0, 1))
     sim.step()
     moved = (sim.masses("sheet")[:, None] * sim.velocities("sheet")).sum(axis=0)
-    whole = simulated(sheet(), device, wind=Wind((0.0, 0.0, 0.02)), colliders=AMONG["colliders"], order=1)
+    whole = simulated(sheet(), device, **{**AMONG, "wind": Wind((0.0, 0.0, 0.02))})
     whole.step()
     asked = (whole.masses("sheet")[:, None] * whole.velocities("sheet")).sum(axis=0)
     assert moved[2] == pytest.approx(asked[2] * 10 / 11, rel=5e-3)  # one of eleven columns of cells is gone
@@ -192,7 +193,7 @@ def test_a_ball_passes_through_a_hole(device):
     cloth = sheet(resolution=(8, 8), size=(1, 1), pins="edges", thickness=0.01, tear_strain=1e3)
     lowest = []
     for is_cut in (True, False):
-        sim = simulated(cloth, device, colliders={"ball": ball}, order=1)
+        sim = simulated(cloth, device, **{**AMONG, "colliders": {"ball": ball}})
         for side in (1, -1) if is_cut else ():  # along both diagonals of the middle cell, and a little further
             corners = [(k, side * k, z) for k, z in ((-0.1, -1), (0.1, -1), (0.1, 1), (-0.1, 1))]
             sim.cut("sheet", corners)

@@ -58,7 +58,7 @@ LOADS = [(5.0, 0.0, 0.0, 0.5), (5.0, 1e-5, 2e-3, 0.15), (0.5, 1e-4, 5e-3, 0.15),
 @pytest.mark.parametrize(
     ("load", "compliance", "damping", "ramp", "order", "executor"),
     [
-        (*LOADS[2], 1, "block"),
+        (*LOADS[2], 2, "block"),
         pytest.param(*LOADS[3], 2, "block", marks=pytest.mark.long),
         pytest.param(*LOADS[0], 1, "block", marks=pytest.mark.long),
         pytest.param(*LOADS[1], 2, "block", marks=pytest.mark.long),
@@ -101,7 +101,7 @@ def test_two_metres_out_and_in_with_the_tension_of_the_closed_form(
     assert -sim.positions("it")[-1, 2] == pytest.approx(lengths[-1] + weight, abs=1e-3)
 
 
-@pytest.mark.parametrize(("order", "error"), [(1, 6e-3), (2, 6e-4)])
+@pytest.mark.parametrize(("order", "error"), [pytest.param(1, 6e-3, marks=pytest.mark.long), (2, 6e-4)])
 def test_a_load_swings_as_a_pendulum_of_changing_length(device, order, error):
     """l theta'' + 2 l' theta' + g sin theta = 0: births and swallows neither stop nor push what swings past them."""
     at_start = 0.6
@@ -150,10 +150,11 @@ def test_a_bend_that_reaches_the_drum_jerks_nothing(device, compliance):
 
 @pytest.mark.parametrize("start", ["rest", "random", "collapsed", "stretched"])
 @pytest.mark.parametrize(("load", "compliance"), [(0.1, 0.0), (0.1, 1e-4), (1e5, 0.0)])
-def test_wild_starts_are_paid_out_and_hauled_in(device, load, compliance, start):
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
+def test_wild_starts_are_paid_out_and_hauled_in(device, load, compliance, start, order):
     """It ends at the limit, whole and as long as it should be."""
     random = np.random.default_rng(2)
-    for order, rate, substeps in itertools.product((1, 2), (2.0, -2.0), (8, 20)):
+    for rate, substeps in itertools.product((2.0, -2.0), (8, 20)):
         winch = Winch(length=1.5, acceleration=20.0, max_rate=5.0, pay_out=rate)
         rope = on_a_winch(load * MASS, 32, winch=winch, stretch_compliance=compliance)
         sim = simulation(rope, device, order=order, substeps=substeps, global_damping=1.0)

@@ -6,7 +6,7 @@ import pytest
 import warp as wp
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Wind
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.study.closed_forms import sheets
 
@@ -68,7 +68,7 @@ def test_rope_across_the_flow_falls_at_its_terminal_speed(device):
 def test_light_sheet_takes_the_speed_of_a_gale_and_no_more(device, substeps):
     cloth = Cloth(resolution=(6, 6), mass=1e-3, pins=None)
     scene = Scene(objects={"it": cloth}, wind=Wind(velocity=(0.0, 0.0, 100.0)), gravity=(0.0, 0.0, 0.0))
-    sim = Simulation(scene, Settings(method="xpbd", order=1, substeps=substeps), device=device)
+    sim = Simulation(scene, fixed(substeps=substeps), device=device)
     fastest = 0.0
     for _ in range(10):
         sim.step()
@@ -190,12 +190,7 @@ def test_forces_on_crumpled_triangles_are_those_of_the_formula(device, executor)
     rng = np.random.default_rng(7)
     wind, lift = np.array((3.0, -1.0, 2.0)), 0.7
     scene = Scene({"it": Cloth(resolution=(7, 6))}, wind=Wind(tuple(wind), RHO, CD, lift))
-    sim = Simulation(
-        scene,
-        Settings(method="xpbd", order=1, substeps=1, iterations=1, frame_dt=1e-4),
-        device=device,
-        executor=executor,
-    )
+    sim = Simulation(scene, fixed(substeps=1, frame_dt=1e-4), device, executor=executor)
     triangles = sim.triangles("it")
     x, v = rng.normal(size=(42, 3)).astype(np.float32), rng.normal(size=(42, 3)).astype(np.float32)
     x[triangles[11][1]] = x[triangles[11][0]]

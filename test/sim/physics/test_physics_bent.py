@@ -51,7 +51,7 @@ def bending_energy(rope, start):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("compliance", [0.5, 1e-2, 1e-4, 1e-9])
+@pytest.mark.parametrize("compliance", [0.5, 1e-9])
 @pytest.mark.parametrize("held", PINS)
 @pytest.mark.long
 def test_bent_rope_gains_no_energy(device, held, compliance, order):
@@ -94,8 +94,7 @@ def zeros(times, course):
 
 
 @pytest.mark.parametrize("rest", [0.0, np.pi])
-@pytest.mark.parametrize("segments", [4, 8, 33])
-@pytest.mark.parametrize("compliance", [1e-4, 1e-9])
+@pytest.mark.parametrize("segments, compliance", [(4, 1e-9), (33, 1e-4)])
 @pytest.mark.parametrize("substeps, iterations, order", [(20, 1, 1), (10, 1, 2), (20, 1, 2), (10, 4, 2)])
 @pytest.mark.long
 def test_stiff_rope_swings_as_a_rigid_pendulum(device, rest, segments, compliance, substeps, iterations, order):
@@ -168,7 +167,9 @@ def hanging(segments, rigidity, rest, loads):
     return length * np.cumsum(np.stack([np.cos(found.x), np.sin(found.x)], axis=1), axis=0)
 
 
-@pytest.mark.parametrize("substeps, iterations, order", [(20, 1, 1), (20, 4, 2), (80, 1, 2)])
+@pytest.mark.parametrize(
+    "substeps, iterations, order", [pytest.param(20, 1, 1, marks=pytest.mark.long), (20, 4, 2), (80, 1, 2)]
+)
 @pytest.mark.parametrize("segments, rigidity", [(3, 2.0), (8, 2.0), (32, 0.2), (32, 20.0)])
 def test_bent_rope_hangs_as_its_chain(device, segments, rigidity, substeps, iterations, order):
     turn = 1.0 / segments

@@ -90,8 +90,7 @@ def draped(device):
         kinetic_friction=0.6,
     )
     ball = Sphere(radius=radius, position=tuple(centre), static_friction=0.8, kinetic_friction=0.6)
-    settings = Settings(method="xpbd", order=1, substeps=20, global_damping=0.5)
-    sim = Simulation(Scene(objects={"it": cloth}, colliders={"ball": ball}), settings, device=device)
+    sim = Simulation(Scene({"it": cloth}, {"ball": ball}), fixed(global_damping=0.5), device)
     sim.step(frames=180)
     first = sim.positions("it").astype(np.float64)
     sim.step(frames=600)
@@ -129,7 +128,7 @@ def test_an_edge_that_falls_on_a_bar_stays_there(device, order):
     assert 0.005 - 1e-5 < highest < 0.0065  # it may rock a little
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.long), 2])
 @pytest.mark.parametrize("executor", ["block", pytest.param("graph", marks=pytest.mark.long)])
 def test_what_falls_on_the_floor_stays_there(device, order, executor):
     """From 0.1 m at 1.4 m/s: BDF2 that remembered the fall would throw it 25 mm up again."""

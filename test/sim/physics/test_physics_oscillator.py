@@ -42,7 +42,7 @@ def growth(q):
 @pytest.mark.parametrize("iterations", [1, 4])
 def test_first_order_is_implicit_euler_to_the_digit(device, damping, iterations):
     h = 1.0 / 60
-    q = motion(device, 60, damping, substeps=1, iterations=iterations)
+    q = motion(device, 60, damping, order=1, substeps=1, iterations=iterations)
     zeta = 0.5 * damping * FREQUENCY
     z, expected = growth(q), oscillator.implicit_euler(FREQUENCY * h, zeta)
     assert oscillator.decay_rate(z, h) == pytest.approx(oscillator.decay_rate(expected, h), rel=1e-4)
@@ -52,7 +52,7 @@ def test_first_order_is_implicit_euler_to_the_digit(device, damping, iterations)
 def test_dashpot_damps_by_its_time_constant(device):
     """At small steps the ratio of damping is tau w / 2 beyond what the method itself damps."""
     h, damping = 1.0 / 60, 0.01
-    q = motion(device, 90, damping, substeps=200)
+    q = motion(device, 90, damping, order=1, substeps=200)
     zeta = oscillator.decay_rate(growth(q), h) / FREQUENCY
     numerical = FREQUENCY * h / 200 / 2.0
     dashpot = oscillator.damping_ratio(damping * MASS * FREQUENCY**2, MASS * FREQUENCY**2, MASS)

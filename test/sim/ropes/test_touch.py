@@ -140,14 +140,15 @@ def hung_over(radius, length, segments, thickness):
     return np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "radius", "segments", "stretch", "mu", "substeps"),
     [
         (Capsule, 0.017, 40, 0.03, 0.4, 0),
         (Capsule, 0.05, 40, 0.02, 0.4, 0),
         (Capsule, 0.03, 30, 0.06, 0.4, 0),
-        pytest.param(Cylinder, 0.05, 13, 0.03, 0.3, 0, marks=pytest.mark.long),
-        pytest.param(Cylinder, 0.05, 13, 0.03, 0.3, 1000, marks=pytest.mark.long),
+        (Cylinder, 0.05, 13, 0.03, 0.3, 0),
+        (Cylinder, 0.05, 13, 0.03, 0.3, 1000),
         (Cylinder, 0.05, 25, 0.03, 0.5, 0),
     ],
 )
@@ -218,7 +219,7 @@ def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, subs
     assert held.mean() == pytest.approx(np.exp(mu * np.pi) * G * load, rel=0.03)
 
 
-@pytest.mark.parametrize(("substeps", "order"), [(50, 1), (50, 2), (200, 2)])
+@pytest.mark.parametrize(("substeps", "order"), [pytest.param(50, 1, marks=pytest.mark.long), (50, 2), (200, 2)])
 def test_a_rope_rests_on_a_bar_that_is_felt_between_its_particles(device, substeps, order):
     """Weights of 1 : 2 on both sides rest below exp(mu pi) = 2.57. The rope crept, faster with more substeps."""
     mu, radius, thickness, light, heavy, segments = 0.3, 0.05, 0.001, 0.15, 0.3, 40

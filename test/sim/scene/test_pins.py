@@ -6,8 +6,10 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation
 
+VERLET = pytest.param({"method": "verlet", "substeps": 80}, marks=pytest.mark.long)
 
-@pytest.mark.parametrize("settings", [{}, {"substeps": 20}, {"method": "verlet", "substeps": 80}])
+
+@pytest.mark.parametrize("settings", [{}, {"substeps": 20}, VERLET])
 def test_other_pins_hold_others_where_they_are(device, settings):
     cloth = Cloth(resolution=(8, 8), pins="corners", bending="dihedral", bend_compliance=100.0)
     sim = Simulation(Scene({"cloth": cloth, "rope": Rope(segments=8)}), Settings(**settings), device)

@@ -49,15 +49,22 @@ def at_rest(thing, device, frames=480, damping=3.0, error=1e-2):
     return sim, sim.positions("it").astype(np.float64)
 
 
-@pytest.mark.parametrize("error", [1e-2, 1e-3])
-@pytest.mark.parametrize("hem", [0.0, 5.0])
 @pytest.mark.parametrize(
-    ("kind", "side", "constant"),
+    ("kind", "side", "constant", "hem", "error"),
     [
-        ("grid", 8, 1e2), ("grid", 8, 1e6), ("grid", 16, 1e2), ("grid", 16, 1e4), ("grid", 32, 1e3),
-        ("mesh", 8, 1e2), ("mesh", 8, 1e5), ("mesh", 16, 1e2), ("mesh", 16, 1e4), ("mesh", 32, 1e2), ("mesh", 32, 1e4),
+        ("grid", 8, 1e6, 0.0, 1e-3),
+        ("grid", 16, 1e4, 5.0, 1e-2),
+        ("mesh", 8, 1e5, 5.0, 1e-2),
+        ("mesh", 16, 1e2, 0.0, 1e-3),
+        pytest.param("grid", 8, 1e2, 5.0, 1e-2, marks=pytest.mark.long),
+        pytest.param("grid", 16, 1e2, 0.0, 1e-2, marks=pytest.mark.long),
+        pytest.param("grid", 32, 1e3, 5.0, 1e-3, marks=pytest.mark.long),
+        pytest.param("mesh", 8, 1e2, 0.0, 1e-2, marks=pytest.mark.long),
+        pytest.param("mesh", 16, 1e4, 5.0, 1e-3, marks=pytest.mark.long),
+        pytest.param("mesh", 32, 1e2, 5.0, 1e-2, marks=pytest.mark.long),
+        pytest.param("mesh", 32, 1e4, 0.0, 1e-3, marks=pytest.mark.long),
     ],
-)  # fmt: skip
+)
 def test_hung_and_loaded_sheets_are_strained_as_their_springs_are(device, kind, side, constant, hem, error):
     """Within 25 times the wanted error, or strains of ten millionths, which nobody sees."""
     sim, x = at_rest(sheet(kind, side, 1.0 / constant, hem), device, error=error)

@@ -8,6 +8,7 @@ from scipy.spatial import Delaunay
 from cloth_sim_ros.sim import Cloth, Handle, Scene, Settings, Simulation, Wind
 
 SIZE = 12
+WAYS = [{"substeps": 1}, {"substeps": 5}, pytest.param({"substeps": 5, "order": 1}, marks=pytest.mark.long), {}]
 
 
 def of(name, pins="corners"):
@@ -51,7 +52,7 @@ def start(sim, shape):
 
 
 @pytest.mark.parametrize("shape", ["ten times", "three times", "mirrored", "in a box"])
-@pytest.mark.parametrize("settings", [{"substeps": 1}, {"substeps": 5}, {"substeps": 5, "order": 1}, {}], ids=str)
+@pytest.mark.parametrize("settings", WAYS, ids=str)
 @pytest.mark.parametrize("name", ["springs", "mesh"])
 def test_energy_never_exceeds_that_of_the_start(name, settings, shape):
     sim = Simulation(Scene({"it": of(name)}), Settings(**settings), "cpu")

@@ -29,7 +29,9 @@ def simulation(device, substeps=40, colliders=None, executor=None, thing=SHEET, 
     )
 
 
-@pytest.mark.parametrize("method", ["order 1", "order 2", pytest.param("graph", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "method", ["order 2", *(pytest.param(method, marks=pytest.mark.long) for method in ("order 1", "graph"))]
+)
 def test_it_changes_no_bit_while_the_substeps_are_set(device, method):
     plain, watched = (simulation(device, colliders=BALL, **METHODS[method]) for _ in range(2))
     for frame in range(12):
@@ -119,6 +121,7 @@ def test_a_body_that_is_not_finite_leaves_an_error_that_is(device):
     assert report["recoveries"] == 1 and np.isfinite([report["expected_error"], report["error_per_frame"]]).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("worlds", [None, np.array([True, False])], ids=["all", "one"])
 def test_coupled_bodies_start_anew_as_at_first(device, worlds):
     """Their substeps had grown; a frame stays as long as it is, whoever is reset."""

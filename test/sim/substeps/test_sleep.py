@@ -15,7 +15,7 @@ def laid(device, sleep=True, **scene):
     """A towel that has lain on a tray for two seconds."""
     colliders = {"tray": TRAY, "ball": Sphere(radius=0.1, position=FAR)}
     handles = {"hand": Handle(position=FAR, reach=0.05)}
-    scene = Scene({"it": TOWEL}, colliders, handles=handles, wind=Wind(), **scene)
+    scene = Scene({"it": TOWEL}, colliders, handles=handles, wind=Wind(), spare_colliders=1, **scene)
     sim = Simulation(scene, Settings(sleep=sleep), device)
     sim.step(120)
     return sim
