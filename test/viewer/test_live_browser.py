@@ -8,11 +8,10 @@ SCENE = """
 /**:
   ros__parameters:
     objects: [cloth]
-    colliders: [ball]
     handles: [hand]
     cloth:
-      {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9}
-    ball: {shape: sphere, dimensions: [0.1], position: [0, 1, 0.5]}
+      {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9,
+       bending: dihedral, bend_compliance: 76900.0}
     hand: {reach: [0.03], position: [0.4, 0, 1]}
     wind: {enabled: true}
     solver: {global_damping: 2.0}
