@@ -199,7 +199,7 @@ def _make_left_open(features: Features, threads: int):
     def left_open(t: int, ctx: Context) -> int:
         near, rubs, changes = near_of(ctx), int(0), int(0)
         for i in range(t, ctx.body.count, wp.static(threads)):
-            if rubs_wrongly(i, ctx):
+            if rubs_wrongly(i, near, ctx):
                 rubs = PARTICLES
         if wp.static(lean_between is not None):
             for k in range(t, ctx.body.count - 1, wp.static(threads)):

@@ -258,23 +258,26 @@ def by_law(before: wp.vec3, after: wp.vec3, n: wp.vec3, friction: wp.vec2, slid:
 
 
 @wp.func
-def rubs_wrongly(i: int, ctx: Context) -> bool:
+def rubs_wrongly(i: int, near: Near, ctx: Context) -> bool:
     """Return True if the friction that a solve left at particle i is not Coulomb's."""
     g, packed = ctx.body.particles + i, load4(ctx.d, i)
-    colliders, found = ctx.colliders.shape[0], bool(False)
-    for c in range(colliders):
+    start, colliders, found = ctx.state.rope.starts[g], ctx.colliders.shape[0], bool(False)
+    stray = strays(near, xyz(load4(ctx.x, i)) + start, start)  # as where the solve began: others have old contacts
+    c = next_of(-1, near, stray)
+    while c < colliders:
         entry = g * colliders + c
         leaned = ctx.state.contact.leans[entry]
         if leaned[3] > 0.0:
             n = ctx.state.contact.sweeps[ctx.sweep + c].to_local * xyz(leaned)
             before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
-            after = solved_lean(i, c, entry, packed[3], xyz(packed) - ctx.state.rope.starts[g], ctx)
+            after = solved_lean(i, c, entry, packed[3], xyz(packed) - start, ctx)
             rubbed, load = wp.length(after - wp.dot(after, n) * n), borne(before, after, n)
             friction = friction_of(ctx.colliders[c], ctx.state.rope.half_turns[g], ctx)
             if leaned[3] < SLIDES:
                 found = found or rubbed > (1.0 + TOO_MUCH) * friction[0] * load
             else:
                 found = found or wp.abs(rubbed - friction[1] * load) > WRONG * friction[1] * load
+        c = next_of(c, near, stray)
     return found
 
 
