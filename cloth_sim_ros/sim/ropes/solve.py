@@ -175,17 +175,17 @@ def _make_lean_all(features: Features, threads: int):
     lean_between = make_lean_between(features) if features.surface else None
 
     @wp.func
-    def lean_all(t: int, kinds: int, again: bool, ctx: Context):
+    def lean_all(t: int, kinds: int, k: int, ctx: Context):
         if kinds == 0:
             return
         near = near_of(ctx)
         if kinds & PARTICLES != 0:
             for i in range(t, ctx.body.count, wp.static(threads)):
-                lean(i, near, ctx, again)
+                lean(i, near, ctx, k)
         if wp.static(lean_between is not None):
             sync()
-            for k in range(t, ctx.body.count - 1, wp.static(threads)):
-                lean_between(k, near, ctx, True)
+            for j in range(t, ctx.body.count - 1, wp.static(threads)):
+                lean_between(j, near, ctx, True)
 
     return lean_all
 
@@ -263,7 +263,7 @@ def make_solve(features: Features, threads: int):
         overstretched, again, steps, kinds = bool(False), bool(True), int(0), int(PARTICLES + SEGMENTS)
         while again:
             if wp.static(lean_all is not None):
-                lean_all(t, kinds, steps > 0, ctx)
+                lean_all(t, kinds, steps, ctx)
             events = newton_step(t, first, ctx)
             overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
             steps += 1

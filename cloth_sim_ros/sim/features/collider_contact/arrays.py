@@ -69,6 +69,18 @@ class Press:
 
 
 @wp.struct
+class Lean:
+    """How a particle of a rope leans on one collider within its solve, see lean.py.
+
+    contact: normal and state of the contact; all 0 if they are apart. carried: correction that the last substep left
+    [m], in the collider's axes, and the substep in which it was taken, plus 1.
+    """
+
+    contact: wp.vec4
+    carried: wp.vec4
+
+
+@wp.struct
 class Look:
     """Result of the last search in this frame for the deepest point of a facet in a collider.
 
@@ -93,7 +105,7 @@ class ContactState:
     # [m/s^2], also of the last substep. The last number: see touch_of
     contacts: wp.array(dtype=wp.vec4)
     contact_forces: wp.array(dtype=wp.vec4)  # (K N,) force of each collider on each particle, mean over the frame [N]
-    leans: wp.array(dtype=wp.vec4)  # (K N,) ropes: normal and state of the contact in the solve, see lean.py
+    leans: wp.array(dtype=Lean)  # (K N,) ropes
     presses: wp.array(dtype=Press)  # (P K,) of surfaces that are tested between particles, as the next four
     looks: wp.array(dtype=Look)  # (P K,)
     close: wp.array(dtype=int)  # (N,) 1 if facets around a particle may touch a collider in this substep

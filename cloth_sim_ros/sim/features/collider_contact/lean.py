@@ -19,7 +19,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import Press
+from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
@@ -36,8 +36,10 @@ RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
 # softer one leaves, the stage behind would press into the rope as energy.
 SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
-# Errors of a particle's friction, likewise: beyond the most where it sticks, and of any kind where it slides.
-TOO_MUCH, WRONG = wp.constant(0.01), wp.constant(0.05)
+FULL = wp.constant(4)  # solves of a rope in a substep after which friction is a dashpot
+WRONG = wp.constant(0.02)  # error of a particle's friction, likewise
+# States of a contact. Friction of a DASHPOT turns no motion round.
+DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
@@ -175,7 +177,7 @@ def augmented(
     ratio: float,
     softness: float,
     friction: wp.vec2,
-    stops: bool,
+    unless_free: float,
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
 
@@ -183,7 +185,7 @@ def augmented(
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
     the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
-    stops: True if friction that may stop the point is to try, as another solve follows where it is too much.
+    unless_free: state where friction may stop the point: DASHPOT, STICKS or SLIDES.
     """
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
@@ -197,14 +199,14 @@ def augmented(
     if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
         most = slack
     if wp.length(rub) <= most:
-        return pack(pressed * n + rub, 2.0)
+        return pack(pressed * n + rub, STICKS)
     rubbed = friction[1] * cone / wp.length(rub)
     # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
     # a motion round.
     free = friction[1] * cone < wp.length(slip - wp.dot(slip, n) * n)
-    if stops and not free:
-        return pack(pressed * n + rub, 2.0)
-    return pack(pressed * n + rubbed * rub, wp.where(free, SLIDES, 1.0) + rubbed)
+    if unless_free == STICKS and not free:
+        return pack(pressed * n + rub, STICKS)
+    return pack(pressed * n + rubbed * rub, wp.where(free, SLIDES, unless_free) + rubbed)
 
 
 @wp.func
@@ -228,99 +230,84 @@ def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: fl
 @wp.func
 def solved_lean(i: int, c: int, entry: int, w: float, moved: wp.vec3, ctx: Context) -> wp.vec3:
     """Return the correction [m] of particle i by collider c, in its axes, after the solve `moved` the particle [m]."""
-    leaned, to_local = ctx.state.contact.leans[entry], ctx.state.contact.sweeps[ctx.sweep + c].to_local
+    contact, to_local = ctx.state.contact.leans[entry].contact, ctx.state.contact.sweeps[ctx.sweep + c].to_local
     before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
     softness = ctx.colliders[c].compliance * ctx.step.inverse_square / w
     local = wp.transpose(to_local) * before
-    return before - to_local * (slope_of(xyz(leaned), ratio_of(i, w, ctx), softness, leaned[3], local) * moved)
-
-
-@wp.func
-def borne(before: wp.vec3, after: wp.vec3, n: wp.vec3) -> float:
-    """Return the load [m] that bounds friction: the mean before and after a solve, for it alternates in long ones."""
-    return 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(after, n), 0.0))
-
-
-@wp.func
-def by_law(before: wp.vec3, after: wp.vec3, n: wp.vec3, friction: wp.vec2, slid: bool) -> wp.vec4:
-    """Return a correction [m] by Coulomb's law, and the state of the contact, see `augmented`.
-
-    before, after: corrections as a solve began, and as it left them. slid: True if the point slid in it.
-    """
-    pressed = wp.dot(after, n)
-    rub, load = after - pressed * n, borne(before, after, n)
-    if pressed <= 0.0:
-        return wp.vec4(0.0)
-    if not slid and wp.length(rub) <= (1.0 + TOO_MUCH) * friction[0] * load:
-        return pack(after, 2.0)
-    rubbed = friction[1] * load / wp.max(wp.length(rub), 1.0e-30)
-    return pack(pressed * n + rubbed * rub, SLIDES + rubbed)
+    return before - to_local * (slope_of(xyz(contact), ratio_of(i, w, ctx), softness, contact[3], local) * moved)
 
 
 @wp.func
 def rubs_wrongly(i: int, near: Near, ctx: Context) -> bool:
-    """Return True if the friction that a solve left at particle i is not Coulomb's."""
-    g, packed = ctx.body.particles + i, load4(ctx.d, i)
-    start, colliders, found = ctx.state.rope.starts[g], ctx.colliders.shape[0], bool(False)
-    stray = strays(near, xyz(load4(ctx.x, i)) + start, start)  # as where the solve began: others have old contacts
+    """Return True if the friction that a solve left at particle i is not Coulomb's.
+
+    The load that bounds it is the mean before and after the solve, as it alternates in long ones.
+    """
+    g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
+    start, found, w = ctx.state.rope.starts[g], bool(False), packed[3]
+    stray = strays(near, position + start, start)  # as where the solve began: others have old contacts
     c = next_of(-1, near, stray)
-    while c < colliders:
-        entry = g * colliders + c
-        leaned = ctx.state.contact.leans[entry]
-        if leaned[3] > 0.0:
-            n = ctx.state.contact.sweeps[ctx.sweep + c].to_local * xyz(leaned)
+    while c < ctx.colliders.shape[0]:
+        entry = g * ctx.colliders.shape[0] + c
+        lean = ctx.state.contact.leans[entry]
+        if lean.contact[3] > 0.0:
+            sweep = ctx.state.contact.sweeps[ctx.sweep + c]
+            n = sweep.to_local * xyz(lean.contact)
             before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
-            after = solved_lean(i, c, entry, packed[3], xyz(packed) - start, ctx)
-            rubbed, load = wp.length(after - wp.dot(after, n) * n), borne(before, after, n)
+            after = solved_lean(i, c, entry, w, xyz(packed) - start, ctx)
+            slip = slip_of(position - sweep.position, xyz(packed) - xyz(load4(ctx.position_lo, i)), sweep)
+            load = 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(after, n), 0.0))
             friction = friction_of(ctx.colliders[c], ctx.state.rope.half_turns[g], ctx)
-            if leaned[3] < SLIDES:
-                found = found or rubbed > (1.0 + TOO_MUCH) * friction[0] * load
-            else:
-                found = found or wp.abs(rubbed - friction[1] * load) > WRONG * friction[1] * load
+            asked = xyz(lean.carried) - ratio_of(i, w, ctx) * slip
+            asked -= wp.dot(asked, n) * n
+            if wp.length(asked) > friction[0] * load:
+                asked *= friction[1] * load / wp.length(asked)
+            off = (after - wp.dot(after, n) * n) - asked
+            found = found or wp.length(off) > WRONG * friction[1] * load
         c = next_of(c, near, stray)
     return found
 
 
 def make_lean(features: Features):
-    """Return a Warp function that finds what colliders do to particle i at the start of a rope's solve.
+    """Return a Warp function that finds what colliders do to particle i before solve `k` of a rope in a substep.
 
-    again: True after a solve that left wrong friction. Then what that left is brought to Coulomb's law, and stays so: a
-    step of a semi-smooth Newton method. So a rope slides where a solve finds that it cannot stop.
+    The first one tries to stop what friction may stop. Where it finds that this asks for too much, the others slide:
+    steps of a semi-smooth Newton method (Alart and Curnier 1991). Where FULL of them do not end, friction is a dashpot.
     """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
 
     @wp.func
-    def lean(i: int, near: Near, ctx: Context, again: bool):
+    def lean(i: int, near: Near, ctx: Context, k: int):
         g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
-        displacement, w = xyz(packed), packed[3]
+        displacement, w, when = xyz(packed), packed[3], float(ctx.substep + 1)
         push, hold = wp.vec3(0.0), wp.mat33(0.0)
-        moved = displacement - ctx.state.rope.starts[g]
         ctx.state.rope.starts[g] = displacement
-        if not again:
+        if k == 0:
             ctx.state.rope.half_turns[g] = half_turn_of(i, ctx)
         turn = ctx.state.rope.half_turns[g]
+        unless_free = wp.where(k == 0, STICKS, wp.where(k < FULL, SLIDES, DASHPOT))
         stray = strays(near, position + displacement, displacement)
         c = next_of(-1, near, stray)
         while c < ctx.colliders.shape[0]:
             entry, sweep = g * ctx.colliders.shape[0] + c, ctx.state.contact.sweeps[ctx.sweep + c]
-            leaned, leans = ctx.state.contact.leans[entry], wp.vec4(0.0)
             offset = (position - sweep.position) + displacement
             path = wp.length(displacement - sweep.motion)
             path += sweep.spin * (wp.length(offset) + path)
             away = wp.length(offset) - path - ctx.colliders[c].reach - ctx.material.thickness
-            stored = load_row(ctx.state.contact.contacts, entry)
-            if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(xyz(stored)) > 0.0):
+            stored, now = load_row(ctx.state.contact.contacts, entry), Lean()
+            now.carried = pack((ctx.step.effective * ctx.step.effective) * xyz(stored), when)
+            last = ctx.state.contact.leans[entry].carried
+            if k > 0 and last[3] == when:
+                now.carried = last
+            before = xyz(now.carried)
+            if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(before) > 0.0):
                 collider = ctx.colliders[c]
                 slip = slip_of(position - sweep.position, displacement - xyz(load4(ctx.position_lo, i)), sweep)
                 thickness, apart, p = ctx.material.thickness, pace(collider, ctx.step), sweep.to_local * offset
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
-                before = (ctx.step.effective * ctx.step.effective) * xyz(stored)
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
-                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, True)
-                if again and leaned[3] > 0.0:
-                    after = solved_lean(i, c, entry, w, moved, ctx)
-                    found = by_law(before, after, sweep.to_local * xyz(leaned), friction, leaned[3] >= SLIDES)
+                found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, unless_free)
                 if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
@@ -328,8 +315,8 @@ def make_lean(features: Features):
                     hold += slope_of(n, ratio, softness, found[3], back * xyz(found))
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
-                    leans = pack(n, found[3])
-            ctx.state.contact.leans[entry] = leans
+                    now.contact = pack(n, found[3])
+            ctx.state.contact.leans[entry] = now
             c = next_of(c, near, stray)
         ctx.state.rope.pushes[g] = push
         ctx.state.rope.holds[g] = hold
@@ -398,7 +385,7 @@ def make_lean_between(features: Features):
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
                 friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
-                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, False)
+                found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, DASHPOT)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
                 if found[3] > 0.0 and w > 0.0 and pressed > most:

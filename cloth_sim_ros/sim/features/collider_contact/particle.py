@@ -166,7 +166,7 @@ def _make_before(features: Features):
         if wp.static(features.leans):
             if not met.carries:
                 before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(met.contacts, entry))
-            elif ctx.state.contact.leans[entry][3] > 0.0:
+            elif ctx.state.contact.leans[entry].contact[3] > 0.0:
                 moved = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
                 before = solved_lean(i, c, entry, w, moved, ctx)
         elif not ctx.step.first:
