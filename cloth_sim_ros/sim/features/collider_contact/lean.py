@@ -219,12 +219,10 @@ def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: fl
     pressed = wp.max(wp.dot(before, n), 0.0)
     out = outward(gap, pressed, softness)
     pressed += out
-    rub, moved = (before - wp.dot(before, n) * n) - slip, out * n - slip
-    size = wp.length(rub)
-    if size > friction[0] * pressed:
-        rub *= friction[1] * pressed / size
-        moved = out * n
-    return pressed * n + rub, moved
+    wanted = (before - wp.dot(before, n) * n) - slip
+    sticks = wp.length(wanted) <= friction[0] * pressed
+    rub = friction_correction(wp.vec3(0.0), wanted, pressed, friction[0], friction[1])
+    return pressed * n + rub, wp.where(sticks, out * n - slip, out * n)
 
 
 @wp.func
@@ -258,11 +256,10 @@ def rubs_wrongly(i: int, near: Near, ctx: Context) -> bool:
             slip = slip_of(position - sweep.position, xyz(packed) - xyz(load4(ctx.position_lo, i)), sweep)
             load = 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(after, n), 0.0))
             friction = friction_of(ctx.colliders[c], ctx.state.rope.half_turns[g], ctx)
-            asked = xyz(lean.carried) - ratio_of(i, w, ctx) * slip
-            asked -= wp.dot(asked, n) * n
-            if wp.length(asked) > friction[0] * load:
-                asked *= friction[1] * load / wp.length(asked)
-            off = (after - wp.dot(after, n) * n) - asked
+            wanted = xyz(lean.carried) - ratio_of(i, w, ctx) * slip
+            wanted -= wp.dot(wanted, n) * n
+            rub = friction_correction(wp.vec3(0.0), wanted, load, friction[0], friction[1])
+            off = (after - wp.dot(after, n) * n) - rub
             found = found or wp.length(off) > WRONG * friction[1] * load
         c = next_of(c, near, stray)
     return found
