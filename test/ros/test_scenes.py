@@ -165,7 +165,7 @@ def test_the_tablecloth_leaves_the_table():
     assert all(sim.handle_wrench(name)[0][0] < -0.05 for name in tablecloth.HANDS), "the hands feel that it rubs"
     run(sim, tablecloth.END - 0.6 * tablecloth.LIE, drive)
     cloth = sim.positions("tablecloth")
-    assert cloth[:, 0].min() > 0.45 and np.abs(cloth[:, 2] - 0.006).max() < 0.1, "it lies on the floor beside"
+    assert cloth[:, 0].min() > 0.45 and cloth[:, 2].max() < 0.2, "it lies on the floor beside, with folds"
 
 
 @pytest.mark.long
