@@ -169,6 +169,15 @@ def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Cont
 
 
 @wp.func
+def slack_of(ratio: float, size: float) -> float:
+    """Return what of a correction [m] may be rounding at that distance from the collider's origin [m].
+
+    It does not part a point from the collider, nor let it slide before it is loaded.
+    """
+    return ratio * ROUNDING * size
+
+
+@wp.func
 def augmented(
     before: wp.vec3,
     met: wp.vec4,
@@ -179,9 +188,10 @@ def augmented(
     friction: wp.vec2,
     unless_free: float,
 ) -> wp.vec4:
-    """Return the correction [m] of a point by a collider, and the state of the contact; 0 if they are apart.
+    """Return the correction [m] of a point by a collider, and the state of the contact, also if they are apart.
 
-    The state is 2 where it sticks, and less where it slides; from SLIDES on it slides freely.
+    Then the correction points into the collider. The state is 2 where it sticks, and less where it slides; from SLIDES
+    on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
     the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
@@ -190,10 +200,7 @@ def augmented(
     n = xyz(met)
     gap = exact_gap(met[3], wp.dot(slip, n), size)
     pressed = (wp.dot(before, n) / ratio - gap) * ratio_along(ratio, softness)
-    # What may be rounding does not part the point from the collider, nor let it slide before it is loaded.
-    slack = ratio * ROUNDING * size
-    if pressed < -slack:
-        return wp.vec4(0.0)
+    slack = slack_of(ratio, size)
     rub, cone = (before - wp.dot(before, n) * n) - ratio * (slip - wp.dot(slip, n) * n), wp.max(pressed, 0.0)
     most = friction[0] * cone
     if wp.length_sq(before) == 0.0 and pressed <= slack and friction[0] > 0.0:
@@ -260,7 +267,8 @@ def rubs_wrongly(i: int, near: Near, ctx: Context) -> bool:
             wanted -= wp.dot(wanted, n) * n
             rub = friction_correction(wp.vec3(0.0), wanted, load, friction[0], friction[1])
             off = (after - wp.dot(after, n) * n) - rub
-            found = found or wp.length(off) > WRONG * friction[1] * load
+            most = friction[1] * load
+            found = found or (most > 0.0 and wp.length(off) > WRONG * most)
         c = next_of(c, near, stray)
     return found
 
@@ -270,6 +278,7 @@ def make_lean(features: Features):
 
     The first one tries to stop what friction may stop. Where it finds that this asks for too much, the others slide:
     steps of a semi-smooth Newton method (Alart and Curnier 1991). Where FULL of them do not end, friction is a dashpot.
+    What touches is found before the first one: contacts that come and go from one to the next would shake the rope.
     """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
 
@@ -293,9 +302,9 @@ def make_lean(features: Features):
             away = wp.length(offset) - path - ctx.colliders[c].reach - ctx.material.thickness
             stored, now = load_row(ctx.state.contact.contacts, entry), Lean()
             now.carried = pack((ctx.step.effective * ctx.step.effective) * xyz(stored), when)
-            last = ctx.state.contact.leans[entry].carried
-            if k > 0 and last[3] == when:
-                now.carried = last
+            last = ctx.state.contact.leans[entry]
+            if k > 0 and last.carried[3] == when:
+                now.carried = last.carried
             before = xyz(now.carried)
             if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(before) > 0.0):
                 collider = ctx.colliders[c]
@@ -305,7 +314,10 @@ def make_lean(features: Features):
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
                 found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, unless_free)
-                if found[3] > 0.0 and not is_squeezed(i, collider, ctx):
+                touches = wp.dot(xyz(found), xyz(met)) >= -slack_of(ratio, wp.length(offset))
+                if k > 0:
+                    touches = last.contact[3] > 0.0 and last.carried[3] == when
+                if touches and not is_squeezed(i, collider, ctx):
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
@@ -385,7 +397,7 @@ def make_lean_between(features: Features):
                 found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, DASHPOT)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
-                if found[3] > 0.0 and w > 0.0 and pressed > most:
+                if w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push = (1.0 / w) * (back * xyz(found))
