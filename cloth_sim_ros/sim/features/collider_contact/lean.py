@@ -36,8 +36,8 @@ RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
 # softer one leaves, the stage behind would press into the rope as energy.
 SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
-FULL = wp.constant(4)  # solves of a rope in a substep after which friction is a dashpot
 WRONG = wp.constant(0.02)  # error of a particle's friction, likewise
+FULL = wp.constant(4)  # solves of a rope in a substep after which friction that may stop a point is a dashpot
 # States of a contact. Friction of a DASHPOT turns no motion round.
 DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
@@ -277,7 +277,7 @@ def make_lean(features: Features):
     """Return a Warp function that finds what colliders do to particle i before solve `k` of a rope in a substep.
 
     The first one tries to stop what friction may stop. Where it finds that this asks for too much, the others slide:
-    steps of a semi-smooth Newton method (Alart and Curnier 1991). Where FULL of them do not end, friction is a dashpot.
+    steps of a semi-smooth Newton method (Alart and Curnier 1991). Where FULL of them do not end, it is a dashpot.
     What touches is found before the first one: contacts that come and go from one to the next would shake the rope.
     """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
