@@ -10,7 +10,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of
-from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between, rubs_wrongly
+from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lean_between
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
@@ -181,7 +181,7 @@ def _make_lean_all(features: Features, threads: int):
         near = near_of(ctx)
         if kinds & PARTICLES != 0:
             for i in range(t, ctx.body.count, wp.static(threads)):
-                lean(i, near, ctx, k)
+                lean(i, near, ctx, k, True)
         if wp.static(lean_between is not None):
             sync()
             for j in range(t, ctx.body.count - 1, wp.static(threads)):
@@ -191,21 +191,21 @@ def _make_lean_all(features: Features, threads: int):
 
 
 def _make_left_open(features: Features, threads: int):
-    """Return a Warp function that tells which kinds of contact have to be solved again."""
-    near_of = make_near_of(features.listed)
+    """Return a Warp function that tells which kinds of contact have to be solved again, after `k` solves."""
+    near_of, lean = make_near_of(features.listed), make_lean(features)
     lean_between = make_lean_between(features) if features.surface else None
 
     @wp.func
-    def left_open(t: int, ctx: Context) -> int:
-        near, rubs, changes = near_of(ctx), int(0), int(0)
+    def left_open(t: int, k: int, ctx: Context) -> int:
+        near, open, changes = near_of(ctx), int(0), int(0)
         for i in range(t, ctx.body.count, wp.static(threads)):
-            if rubs_wrongly(i, near, ctx):
-                rubs = PARTICLES
+            if lean(i, near, ctx, k, False):
+                open = PARTICLES
         if wp.static(lean_between is not None):
-            for k in range(t, ctx.body.count - 1, wp.static(threads)):
-                if lean_between(k, near, ctx, False):
+            for j in range(t, ctx.body.count - 1, wp.static(threads)):
+                if lean_between(j, near, ctx, False):
                     changes = SEGMENTS
-        return wp.where(sync_any(rubs) != 0, PARTICLES, 0) + wp.where(sync_any(changes) != 0, SEGMENTS, 0)
+        return wp.where(sync_any(open) != 0, PARTICLES, 0) + wp.where(sync_any(changes) != 0, SEGMENTS, 0)
 
     return left_open
 
@@ -270,7 +270,7 @@ def make_solve(features: Features, threads: int):
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
             if wp.static(left_open is not None):
                 if steps < NEWTON_STEPS:
-                    kinds = left_open(t, ctx)
+                    kinds = left_open(t, steps, ctx)
                     again = again or kinds != 0
         note_steps(t, steps, ctx)
         return overstretched

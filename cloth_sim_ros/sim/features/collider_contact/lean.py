@@ -243,52 +243,36 @@ def solved_lean(i: int, c: int, entry: int, w: float, moved: wp.vec3, ctx: Conte
 
 
 @wp.func
-def rubs_wrongly(i: int, near: Near, ctx: Context) -> bool:
-    """Return True if the friction that a solve left at particle i is not Coulomb's.
+def _rubs_wrongly(wanted: wp.vec3, solved: wp.vec3, before: wp.vec3, n: wp.vec3, friction: wp.vec2) -> bool:
+    """Return True if the friction that a solve left, part of the correction `solved` [m], is not Coulomb's.
 
-    The load that bounds it is the mean before and after the solve, as it alternates in long ones.
+    wanted: the correction that would stop the point. The load that bounds it is the mean before and after the solve,
+    as it alternates in long ones.
     """
-    g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
-    start, found, w = ctx.state.rope.starts[g], bool(False), packed[3]
-    stray = strays(near, position + start, start)  # as where the solve began: others have old contacts
-    c = next_of(-1, near, stray)
-    while c < ctx.colliders.shape[0]:
-        entry = g * ctx.colliders.shape[0] + c
-        lean = ctx.state.contact.leans[entry]
-        if lean.contact[3] > 0.0:
-            sweep = ctx.state.contact.sweeps[ctx.sweep + c]
-            n = sweep.to_local * xyz(lean.contact)
-            before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
-            after = solved_lean(i, c, entry, w, xyz(packed) - start, ctx)
-            slip = slip_of(position - sweep.position, xyz(packed) - xyz(load4(ctx.position_lo, i)), sweep)
-            load = 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(after, n), 0.0))
-            friction = friction_of(ctx.colliders[c], ctx.state.rope.half_turns[g], ctx)
-            wanted = xyz(lean.carried) - ratio_of(i, w, ctx) * slip
-            wanted -= wp.dot(wanted, n) * n
-            rub = friction_correction(wp.vec3(0.0), wanted, load, friction[0], friction[1])
-            off = (after - wp.dot(after, n) * n) - rub
-            most = friction[1] * load
-            found = found or (most > 0.0 and wp.length(off) > WRONG * most)
-        c = next_of(c, near, stray)
-    return found
+    load = 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(solved, n), 0.0))
+    rub = friction_correction(wp.vec3(0.0), wanted - wp.dot(wanted, n) * n, load, friction[0], friction[1])
+    most = friction[1] * load
+    return most > 0.0 and wp.length((solved - wp.dot(solved, n) * n) - rub) > WRONG * most
 
 
 def make_lean(features: Features):
     """Return a Warp function that finds what colliders do to particle i before solve `k` of a rope in a substep.
 
-    The first one tries to stop what friction may stop. Where it finds that this asks for too much, the others slide:
-    steps of a semi-smooth Newton method (Alart and Curnier 1991). Where FULL of them do not end, it is a dashpot.
-    What touches is found before the first one: contacts that come and go from one to the next would shake the rope.
+    It returns True if the last solve left a contact that pulls, a particle in a collider, or friction that is not
+    Coulomb's. With `writes` the next solve takes what is found: contacts that press are closed, others open, steps of
+    a semi-smooth Newton method (Alart and Curnier 1991).
+    The first solve tries to stop what friction may stop. Where it finds that this asks for too much, the others slide.
+    Where FULL of them do not end, friction is a dashpot.
     """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
 
     @wp.func
-    def lean(i: int, near: Near, ctx: Context, k: int):
+    def lean(i: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:
         g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
         displacement, w, when = xyz(packed), packed[3], float(ctx.substep + 1)
-        push, hold = wp.vec3(0.0), wp.mat33(0.0)
-        ctx.state.rope.starts[g] = displacement
-        if k == 0:
+        push, hold, open = wp.vec3(0.0), wp.mat33(0.0), bool(False)
+        moved = displacement - ctx.state.rope.starts[g]
+        if writes and k == 0:
             ctx.state.rope.half_turns[g] = half_turn_of(i, ctx)
         turn = ctx.state.rope.half_turns[g]
         unless_free = wp.where(k == 0, STICKS, wp.where(k < FULL, SLIDES, DASHPOT))
@@ -303,7 +287,8 @@ def make_lean(features: Features):
             stored, now = load_row(ctx.state.contact.contacts, entry), Lean()
             now.carried = pack((ctx.step.effective * ctx.step.effective) * xyz(stored), when)
             last = ctx.state.contact.leans[entry]
-            if k > 0 and last.carried[3] == when:
+            known = k > 0 and last.carried[3] == when
+            if known:
                 now.carried = last.carried
             before = xyz(now.carried)
             if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(before) > 0.0):
@@ -314,10 +299,16 @@ def make_lean(features: Features):
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
                 found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, unless_free)
-                touches = wp.dot(xyz(found), xyz(met)) >= -slack_of(ratio, wp.length(offset))
-                if k > 0:
-                    touches = last.contact[3] > 0.0 and last.carried[3] == when
-                if touches and not is_squeezed(i, collider, ctx):
+                # Rounding neither opens nor closes a contact.
+                closed, slack = known and last.contact[3] > 0.0, slack_of(ratio, wp.length(offset))
+                pressed = wp.dot(xyz(found), xyz(met))
+                touches = pressed > wp.where(closed or k == 0, -slack, slack) and not is_squeezed(i, collider, ctx)
+                open = open or closed != touches
+                if closed and touches and not writes:
+                    n, solved = sweep.to_local * xyz(last.contact), solved_lean(i, c, entry, w, moved, ctx)
+                    earlier = (ctx.step.effective * ctx.step.effective) * xyz(stored)
+                    open = open or _rubs_wrongly(before - ratio * slip, solved, earlier, n, friction)
+                if touches and writes:
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
@@ -325,10 +316,14 @@ def make_lean(features: Features):
                     corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
                     store_row(ctx.state.contact.contacts, entry, corrected)
                     now.contact = pack(n, found[3])
-            ctx.state.contact.leans[entry] = now
+            if writes:
+                ctx.state.contact.leans[entry] = now
             c = next_of(c, near, stray)
-        ctx.state.rope.pushes[g] = push
-        ctx.state.rope.holds[g] = hold
+        if writes:
+            ctx.state.rope.starts[g] = displacement
+            ctx.state.rope.pushes[g] = push
+            ctx.state.rope.holds[g] = hold
+        return open
 
     return lean
 
