@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
-from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -255,14 +255,22 @@ def _rubs_wrongly(wanted: wp.vec3, solved: wp.vec3, before: wp.vec3, n: wp.vec3,
     return most > 0.0 and wp.length((solved - wp.dot(solved, n) * n) - rub) > WRONG * most
 
 
+@wp.func
+def _friction_at(k: int) -> float:
+    """Return the state of a contact whose friction may stop a particle, in solve k of a substep (see `augmented`).
+
+    The first one tries to stop it. Where this asks for too much, the others let it slide. Where FULL of them do not
+    end, friction is a dashpot.
+    """
+    return wp.where(k == 0, STICKS, wp.where(k < FULL, SLIDES, DASHPOT))
+
+
 def make_lean(features: Features):
     """Return a Warp function that finds what colliders do to particle i before solve `k` of a rope in a substep.
 
     It returns True if the last solve left a contact that pulls, a particle in a collider, or friction that is not
     Coulomb's. With `writes` the next solve takes what is found: contacts that press are closed, others open, steps of
     a semi-smooth Newton method (Alart and Curnier 1991).
-    The first solve tries to stop what friction may stop. Where it finds that this asks for too much, the others slide.
-    Where FULL of them do not end, friction is a dashpot.
     """
     meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
 
@@ -270,31 +278,26 @@ def make_lean(features: Features):
     def lean(i: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:
         g, packed, position = ctx.body.particles + i, load4(ctx.d, i), xyz(load4(ctx.x, i))
         displacement, w, when = xyz(packed), packed[3], float(ctx.substep + 1)
-        push, hold, open = wp.vec3(0.0), wp.mat33(0.0), bool(False)
-        moved = displacement - ctx.state.rope.starts[g]
+        moved, open = displacement - ctx.state.rope.starts[g], bool(False)
+        push, hold, thickness = wp.vec3(0.0), wp.mat33(0.0), ctx.material.thickness
         if writes and k == 0:
             ctx.state.rope.half_turns[g] = half_turn_of(i, ctx)
-        turn = ctx.state.rope.half_turns[g]
-        unless_free = wp.where(k == 0, STICKS, wp.where(k < FULL, SLIDES, DASHPOT))
+        turn, unless_free = ctx.state.rope.half_turns[g], _friction_at(k)
         stray = strays(near, position + displacement, displacement)
         c = next_of(-1, near, stray)
         while c < ctx.colliders.shape[0]:
             entry, sweep = g * ctx.colliders.shape[0] + c, ctx.state.contact.sweeps[ctx.sweep + c]
             offset = (position - sweep.position) + displacement
-            path = wp.length(displacement - sweep.motion)
-            path += sweep.spin * (wp.length(offset) + path)
-            away = wp.length(offset) - path - ctx.colliders[c].reach - ctx.material.thickness
-            stored, now = load_row(ctx.state.contact.contacts, entry), Lean()
-            now.carried = pack((ctx.step.effective * ctx.step.effective) * xyz(stored), when)
-            last = ctx.state.contact.leans[entry]
-            known = k > 0 and last.carried[3] == when
-            if known:
-                now.carried = last.carried
+            away = least_gap(offset, displacement - sweep.motion, sweep.spin, ctx.colliders[c].reach + thickness)
+            stored, last = load_row(ctx.state.contact.contacts, entry), ctx.state.contact.leans[entry]
+            now, known = Lean(), k > 0 and last.carried[3] == when
+            earlier = (ctx.step.effective * ctx.step.effective) * xyz(stored)
+            now.carried = wp.where(known, last.carried, pack(earlier, when))
             before = xyz(now.carried)
             if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(before) > 0.0):
                 collider = ctx.colliders[c]
                 slip = slip_of(position - sweep.position, displacement - xyz(load4(ctx.position_lo, i)), sweep)
-                thickness, apart, p = ctx.material.thickness, pace(collider, ctx.step), sweep.to_local * offset
+                p, apart = sweep.to_local * offset, pace(collider, ctx.step)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
@@ -303,18 +306,16 @@ def make_lean(features: Features):
                 closed, slack = known and last.contact[3] > 0.0, slack_of(ratio, wp.length(offset))
                 pressed = wp.dot(xyz(found), xyz(met))
                 touches = pressed > wp.where(closed or k == 0, -slack, slack) and not is_squeezed(i, collider, ctx)
-                open = open or closed != touches
-                if closed and touches and not writes:
+                if not writes:
                     n, solved = sweep.to_local * xyz(last.contact), solved_lean(i, c, entry, w, moved, ctx)
-                    earlier = (ctx.step.effective * ctx.step.effective) * xyz(stored)
-                    open = open or _rubs_wrongly(before - ratio * slip, solved, earlier, n, friction)
-                if touches and writes:
+                    wrong = touches and _rubs_wrongly(before - ratio * slip, solved, earlier, n, friction)
+                    open = open or wrong or closed != touches
+                elif touches:
                     back = wp.transpose(sweep.to_local)
                     n = back * xyz(met)
                     push += back * xyz(found)
                     hold += slope_of(n, ratio, softness, found[3], back * xyz(found))
-                    corrected = pack(ctx.step.inverse_square * xyz(found), stored[3])
-                    store_row(ctx.state.contact.contacts, entry, corrected)
+                    store_row(ctx.state.contact.contacts, entry, pack(ctx.step.inverse_square * xyz(found), stored[3]))
                     now.contact = pack(n, found[3])
             if writes:
                 ctx.state.contact.leans[entry] = now

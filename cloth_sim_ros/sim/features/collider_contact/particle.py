@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
-from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -298,11 +298,9 @@ def make_touch(features: Features):
             before, acted = xyz(known), known[3] > 0.0
             after = before
             touch = float(0.0)
-            # Most particles are farther from the collider than both can move in a substep: a cheap bound shows it.
             offset = (position - met.sweeps[k].position) + displacement
-            path = wp.length(displacement - met.sweeps[k].motion)
-            path += met.sweeps[k].spin * (wp.length(offset) + path)
-            away = wp.length(offset) - path - met.colliders[c].reach - material.thickness
+            reach = met.colliders[c].reach + material.thickness
+            away = least_gap(offset, displacement - met.sweeps[k].motion, met.sweeps[k].spin, reach)
             close = close or (away < width and met.colliders[c].facets != 0)
             if away < 0.0 or acted:
                 collider = met.colliders[c]
@@ -312,8 +310,8 @@ def make_touch(features: Features):
                 p = sweep.to_local * offset
                 squeezed = is_squeezed(i, collider, ctx)
                 slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
-                reach, apart = material.thickness + slack, pace(collider, step)
-                touching = meet(collider.shape, collider.size, collider.data, p, slip, reach, apart)
+                thickness, apart = material.thickness + slack, pace(collider, step)
+                touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3] + slack
                 if wp.static(leans):
                     gap = slack + exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset))
