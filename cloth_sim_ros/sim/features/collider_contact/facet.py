@@ -12,13 +12,17 @@ from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signe
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
-_NEAR = 1.0e-5  # tolerance [m]: the search ends if no point of the line can be deeper by more
+# Tolerance [m]: the search ends if no point of the line can be deeper by more. A rope that rests would creep by the
+# first one, as the point of a segment jumps.
+_NEAR, _EXACT = wp.constant(1.0e-5), wp.constant(1.0e-7)
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
 _FEWEST, _MOST = 3, 8
 _AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
 STEP = wp.constant(2.0)  # distance of these samples that matters, as a multiple of the thickness
 # Displacement in a substep, as a fraction of the thickness, beyond which a facet is searched on its whole way.
 FAST = wp.constant(0.5)
+# Barycentric weight of a corner, above which the corner's own contact already covers the point.
+CORNER = wp.constant(0.999)
 _FAR = wp.constant(1.0e30)  # distance [m]
 ADVANCES = 16  # largest number of steps of a facet towards a collider
 
@@ -173,8 +177,8 @@ def make_along(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
-        """Return the deepest point of the line from `start` to `start + e`."""
+    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3, near: float) -> Line:
+        """Return the deepest point of the line from `start` to `start + e`; near: tolerance [m]."""
         first = signed_distance(shape, start, size, data)
         last = signed_distance(shape, start + e, size, data)
         found = Line()
@@ -193,7 +197,7 @@ def make_along(shapes: tuple[str, ...]):
             found.plane = above
             return found
         k = int(0)
-        while k < wp.static(_CUTS) and found.value - lowest(low, high) > wp.static(_NEAR):
+        while k < wp.static(_CUTS) and found.value - lowest(low, high) > near:
             at = cut(k, low, high)
             ctx = signed_distance(shape, start + at * e, size, data)
             slope = wp.dot(xyz(ctx), e)
@@ -243,6 +247,8 @@ def _or_formula(search, shapes: tuple[str, ...]):
         weights = formula(shape, facet.a, facet.b, facet.c)
         if wp.max(weights) == 0.0:
             return search(shape, size, data, facet, step, known)
+        if facet.is_segment:
+            weights = wp.vec3(weights[0], weights[1] + weights[2], 0.0)
         found, p = Deepest(), point_of(facet, weights)
         surface = signed_distance(shape, p, size, data)
         found.weights = weights
@@ -311,7 +317,8 @@ def _make_search(shapes: tuple[str, ...]):
     @wp.func
     def row(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, u: float) -> Line:
         """Return the deepest point of the row of a triangle at the share u of the way from its side a-c to b."""
-        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
+        near = wp.where(facet.is_segment, _EXACT, _NEAR)
+        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a), near)
         found.at *= 1.0 - u
         return found
 
@@ -357,7 +364,7 @@ def _make_search(shapes: tuple[str, ...]):
                 high = wp.vec3(u, ctx.value, slope)
                 above = ctx.plane
             best.plane = between(low, high, below, above)
-            if best.value - lowest(low, high) <= wp.static(_NEAR):
+            if best.value - lowest(low, high) <= _NEAR:
                 return best
             u = cut(k, low, high)
             k += 1
@@ -366,11 +373,18 @@ def _make_search(shapes: tuple[str, ...]):
     return search
 
 
+@wp.func
+def is_same_side(a: wp.vec4, b: wp.vec4) -> bool:
+    """Return True if the normals of two planes of a collider are less than 60 degrees apart."""
+    return wp.dot(xyz(a), xyz(b)) > 0.5 * wp.length(xyz(a)) * wp.length(xyz(b))
+
+
 def make_touched(shapes: tuple[str, ...]):
     """Return a Warp function: the point of a facet that a collider of `shapes` touched first in the substep.
 
-    If it touched none, or moved by less than FAST times the thickness, this is the deepest point at the end. known: see
-    make_deepest. off: a lower bound of its distance from the collider at the start of the substep [m].
+    If it touched none, or moved by less than FAST times the thickness, this is the deepest point at the end. So it is
+    for a segment whose line does not enter the collider: past an edge, another point is pressed than first touched.
+    known: see make_deepest. off: a lower bound of its distance from the collider at the start of the substep [m].
 
     The search is by conservative advancement: no point comes nearer than by its own displacement.
     """
@@ -381,7 +395,7 @@ def make_touched(shapes: tuple[str, ...]):
         shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3, off: float
     ) -> Touch:
         way = longest_way(facet)
-        touch = Touch()
+        touch, first = Touch(), Touch()
         if way > FAST * thickness:
             touch.left = wp.max(1.0 - wp.max(off - thickness, 0.0) / way, 0.0)
         gap = float(1.0)
@@ -393,7 +407,15 @@ def make_touched(shapes: tuple[str, ...]):
                 gap = touch.deepest.value - thickness
                 if gap > 1.0e-3 * thickness:
                     touch.left = wp.max(touch.left - gap / way, 0.0)
+                elif facet.is_segment:
+                    first = touch
+                    touch.left = 0.0
+                    gap = 1.0
             touch.searches += 1
-        return touch
+        outside = touch.deepest.value > 0.0 and is_same_side(first.deepest.plane, touch.deepest.plane)
+        if first.left == 0.0 or outside:
+            return touch
+        first.searches = touch.searches
+        return first
 
     return touched

@@ -1,15 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of facets in a substep and in a collider's axes, and tests if a collider may touch them."""
+"""Places of facets in a substep and in a collider's axes, and where a collider touches them."""
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.context import Context, note_work
+from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.colliders import make_is_beyond
 from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, strays
-from cloth_sim_ros.sim.features.collider_contact.facet import Facet
-from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    FAST,
+    Deepest,
+    Facet,
+    farthest_of,
+    longest_way,
+    make_least,
+    make_touched,
+    middle_of,
+)
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, slip_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
+
+# Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
+_STILL = wp.constant(0.02)
 
 
 @wp.func
@@ -87,3 +101,58 @@ def facet_of(corners: wp.vec3i, ctx: Context, sweep: Sweep) -> Facet:
 def moved_since(look: Look, facet: Facet) -> float:
     """Return the largest distance of any of its points from its place at that search [m]."""
     return wp.max(wp.length(facet.a - look.a), wp.max(wp.length(facet.b - look.b), wp.length(facet.c - look.c)))
+
+
+@wp.func
+def looked(facet: Facet, found: Deepest) -> Look:
+    """Return the Look of a deepest point found now."""
+    look = Look()
+    look.a = facet.a
+    look.b = facet.b
+    look.c = facet.c
+    look.weights = found.weights
+    look.value = found.value
+    look.known = 1
+    return look
+
+
+def make_touched_in(features: Features):
+    """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
+    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
+    least = make_least(features.shapes)
+
+    @wp.func
+    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
+        way = longest_way(facet)
+        look = ctx.state.contact.looks[entry]
+        moved = moved_since(look, facet)
+        # No point came nearer than by its displacement, nor was it nearer in between.
+        if look.known == 1 and look.value - moved - way >= thickness:
+            return wp.vec3(0.0)
+        if wp.static(is_beyond is not None):
+            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
+                return wp.vec3(0.0)
+        slow = way <= FAST * thickness
+        if slow:
+            found = Deepest()
+            found.value = least(collider.shape, collider.size, collider.data, facet)
+            if found.value >= thickness - NOISE:  # true for most facets on a flat face
+                ctx.state.contact.looks[entry] = looked(facet, found)
+                return wp.vec3(0.0)
+        known = wp.vec3(0.0)
+        if look.known == 1 and moved <= _STILL * thickness and slow:
+            known = look.weights
+        off = wp.where(look.known == 1, look.value - moved - way, 0.0)
+        touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
+        note_work((touch.searches + 2) / 3, ctx)  # farther off they cost less
+        found = touch.deepest
+        if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
+            if wp.max(known) == 0.0:
+                ctx.state.contact.looks[entry] = looked(facet, found)
+            else:
+                ctx.state.contact.looks[entry].weights = found.weights
+            if found.value >= thickness - NOISE:
+                return wp.vec3(0.0)
+        return found.weights
+
+    return touched_in

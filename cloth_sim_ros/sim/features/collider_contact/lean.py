@@ -11,7 +11,7 @@ carried to the next substep, so that R does not matter for what rests (Alart and
 scalable frictional contacts for thin nodal objects). Where a solve leaves a particle friction that is not Coulomb's,
 the rope is solved again with what the law allows. The stages behind the solve take what R left.
 
-Points are particles, and those of segments that a collider touched between its particles in the last substep.
+Points are particles, and those of segments that a collider touches between its particles.
 """
 
 import warp as wp
@@ -19,11 +19,11 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press
+from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import point_of, slip_at
-from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of
+from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, Facet, point_of, slip_at
+from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
 from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -41,6 +41,7 @@ FULL = wp.constant(4)  # solves of a rope in a substep after which friction that
 # States of a contact. Friction of a DASHPOT turns no motion round.
 DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
+WITHIN = wp.constant(1.5)  # distance at which a segment is watched in the solve, as a multiple of the thickness
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
 
@@ -353,8 +354,29 @@ def _solved_between(k: int, ctx: Context) -> wp.vec3:
     return ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
 
 
+def _make_watch(features: Features):
+    """Return a Warp function: the weights of the point of a segment that a collider touches, or last touched.
+
+    They are found anew before each solve. The point of a segment that slides over an edge changes, and beside it the
+    edge would push the rope along.
+    """
+    touched_in = make_touched_in(features)
+
+    @wp.func
+    def watch(
+        facet: Facet, corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context
+    ) -> wp.vec3:
+        if is_tested(corners, ctx, collider, sweep):
+            weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
+            if wp.max(weights) > 0.0:
+                ctx.state.contact.presses[entry].weights = weights
+        return ctx.state.contact.presses[entry].weights
+
+    return watch
+
+
 def make_lean_between(features: Features):
-    """Return a Warp function that finds what a collider does to segment k between its particles.
+    """Return a Warp function that finds what a collider does to segment j between its particles.
 
     It returns True if a contact is open that acts within the solve, or closed and does not act, or if its friction is
     off. Then the rope is solved once more from where it is now, a step of a semi-smooth Newton method (Alart and
@@ -362,25 +384,27 @@ def make_lean_between(features: Features):
     fast the rope comes nearer, by R, and shake a rope that slides. With `writes` the next solve takes what is found.
     Where several colliders touch a segment, only the one that presses most acts.
     """
-    meet = make_ccd(features.shapes)
+    meet, watch = make_ccd(features.shapes), _make_watch(features)
 
     @wp.func
-    def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
-        corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
+    def lean_between(j: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:
+        corners, place = corners_of(ctx.body.panels + j, ctx), ctx.body.segments + j
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        solved = _solved_between(k, ctx)
+        solved = _solved_between(j, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
-            entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
+            entry = (ctx.body.panels + j) * ctx.colliders.shape[0] + c
+            collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
+            facet = facet_of(corners, ctx, sweep)
             press = ctx.state.contact.presses[entry]
             if writes:
                 ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
-            if wp.max(press.weights) > 0.0:  # it touched this point of the segment at some time
-                collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
-                facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, press.weights, ctx)
+                press.weights = watch(facet, corners, entry, collider, sweep, ctx)
+            if wp.max(press.weights) > 0.0 and wp.max(press.weights) <= CORNER:  # it touched the segment at some time
+                w = _inverse_mass(corners, press.weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
-                apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
+                apart, ratio = pace(collider, ctx.step), ratio_of(j, w, ctx)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
                 met[3] += NOISE  # as in surface.py
                 local = sweep.to_local * press.normal
@@ -389,14 +413,13 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
+                friction = friction_between(j, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
                 found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, DASHPOT)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0
                 if w > 0.0 and pressed > most:
                     most, back = pressed, wp.transpose(sweep.to_local)
-                    n = back * xyz(met)
-                    push = (1.0 / w) * (back * xyz(found))
+                    n, push = back * xyz(met), (1.0 / w) * (back * xyz(found))
                     hold = (1.0 / w) * slope_of(n, ratio, softness, found[3], push)
                     point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
                     kept, best = entry, press
@@ -410,9 +433,8 @@ def make_lean_between(features: Features):
             ctx.state.rope.segment_holds[place] = hold
             ctx.state.rope.segment_points[place] = point
             if kept >= 0:
-                ctx.state.contact.presses[kept].lean = best.lean
-                ctx.state.contact.presses[kept].leaned = best.weights
-                ctx.state.contact.presses[kept].friction = best.friction
+                best.leaned = best.weights
+                ctx.state.contact.presses[kept] = best
         return off or acted != (kept >= 0)
 
     return lean_between

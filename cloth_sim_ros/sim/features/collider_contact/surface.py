@@ -10,19 +10,14 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.colliders import make_is_beyond
-from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Press, Sweep
+from cloth_sim_ros.sim.features.collider_contact.arrays import Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import (
+    CORNER,
     FAST,
-    Deepest,
     Facet,
-    farthest_of,
     longest_way,
-    make_least,
-    make_touched,
-    middle_of,
     point_of,
     slip_at,
 )
@@ -33,7 +28,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     is_close,
     is_stray,
     is_tested,
-    moved_since,
+    make_touched_in,
 )
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, keep_lean, rubs
 from cloth_sim_ros.sim.features.collider_contact.particle import (
@@ -56,7 +51,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
-from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
@@ -65,13 +60,9 @@ LEAST_SHARE = wp.constant(0.25)
 # Fraction of the triangles around a particle that count as touching at once. At 1 they would lie deep; at half of this
 # value, a cloth over a rail shakes by 1e-6 J/kg.
 _TOUCH_AT_ONCE = wp.constant(0.67)
-# Displacement as a fraction of the thickness; a facet that moved less reuses its deepest point (non-convex shapes).
-_STILL = wp.constant(0.02)
 # Factor of the inverse mass of a facet that two colliders squeeze. It is bound to its place, and must not overshoot.
 _SQUEEZED = wp.constant(1.5)
 LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
-# Barycentric weight of a corner, above which the corner's own contact already covers the point.
-CORNER = wp.constant(0.999)
 
 
 @wp.func
@@ -108,61 +99,6 @@ def points_of(corners: wp.vec3i, ctx: Context) -> float:
         if k < 2 or corners[2] != corners[1]:
             points += 1.0 / facets_around(corners[k], ctx)
     return points
-
-
-@wp.func
-def looked(facet: Facet, found: Deepest) -> Look:
-    """Return the Look of a deepest point found now."""
-    look = Look()
-    look.a = facet.a
-    look.b = facet.b
-    look.c = facet.c
-    look.weights = found.weights
-    look.value = found.value
-    look.known = 1
-    return look
-
-
-def make_touched_in(features: Features):
-    """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
-    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
-    least = make_least(features.shapes)
-
-    @wp.func
-    def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
-        way = longest_way(facet)
-        look = ctx.state.contact.looks[entry]
-        moved = moved_since(look, facet)
-        # No point came nearer than by its displacement, nor was it nearer in between.
-        if look.known == 1 and look.value - moved - way >= thickness:
-            return wp.vec3(0.0)
-        if wp.static(is_beyond is not None):
-            if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
-                return wp.vec3(0.0)
-        slow = way <= FAST * thickness
-        if slow:
-            found = Deepest()
-            found.value = least(collider.shape, collider.size, collider.data, facet)
-            if found.value >= thickness - NOISE:  # true for most facets on a flat face
-                ctx.state.contact.looks[entry] = looked(facet, found)
-                return wp.vec3(0.0)
-        known = wp.vec3(0.0)
-        if look.known == 1 and moved <= _STILL * thickness and slow:
-            known = look.weights
-        off = wp.where(look.known == 1, look.value - moved - way, 0.0)
-        touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
-        note_work((touch.searches + 2) / 3, ctx)  # farther off they cost less
-        found = touch.deepest
-        if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
-            if wp.max(known) == 0.0:
-                ctx.state.contact.looks[entry] = looked(facet, found)
-            else:
-                ctx.state.contact.looks[entry].weights = found.weights
-            if found.value >= thickness - NOISE:
-                return wp.vec3(0.0)
-        return found.weights
-
-    return touched_in
 
 
 def _make_so_far(leans: bool):
@@ -432,10 +368,56 @@ def add_leans(i: int, met: Met, ctx: Context):
                 add_force(met.forces, met.slot * ctx.colliders.shape[0] + c, (met.share * share) * press.acted)
 
 
+@wp.func
+def forgotten(i: int, displacement: wp.vec3, push: Push, w: float, met: Met, ctx: Context):
+    """Keep only the part of particle i's past that still holds after that push, see `forget`."""
+    if push.pressed > 0.0:
+        moved = displacement - xyz(load4(ctx.position_lo, i))
+        add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+
+
+@wp.func
+def hits_between(i: int, w: float, met: Met, ctx: Context) -> Push:
+    """Return the push on particle i of a rope by colliders that hit the segments around it within the solve.
+
+    As with what the particle itself leans on, it came nearer by more than half of what it is pressed back.
+    """
+    push, v = Push(), xyz(load_row(met.velocities, met.slot))
+    past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
+    for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
+        q = ctx.model.particle_panels[place]
+        first = corners_of(q, ctx)[0] == i
+        for c in range(ctx.colliders.shape[0]):
+            press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+            if press.when == ctx.substep and press.lean[3] > 0.0:
+                n, motion = xyz(press.lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
+                pressed = w * wp.where(first, press.leaned[0], press.leaned[1] + press.leaned[2])
+                pressed *= wp.dot(press.acted, n)
+                if wp.dot(motion - past, n) > 0.5 * pressed:
+                    push = with_push(push, n, pressed, motion, met.slot * ctx.colliders.shape[0] + c)
+    return push
+
+
+def _make_leaned(features: Features):
+    """Return a Warp function that adds the forces of the solve on segments around particle i; it returns hits."""
+
+    @wp.func
+    def leaned(i: int, w: float, met: Met, ctx: Context) -> Push:
+        push = Push()
+        if wp.static(features.leans):
+            if ctx.last:
+                add_leans(i, met, ctx)
+                if wp.static(features.order == 2):
+                    push = hits_between(i, w, met, ctx)
+        return push
+
+    return leaned
+
+
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
     least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
-    leans = features.leans
+    leans, leaned = features.leans, _make_leaned(features)
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -443,16 +425,14 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        if wp.static(leans):
-            if ctx.last:
-                add_leans(i, met, ctx)
+        touched, push, displacement = bool(False), leaned(i, w, met, ctx), xyz(packed)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
+            if wp.static(leans and features.order == 2):
+                forgotten(i, displacement, push, w, met, ctx)
             return
         ctx.state.contact.pressed[met.slot] = MOVED
         ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
-        displacement = xyz(packed)
-        touched, push = bool(False), Push()
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
             add_load(i, c, ctx)
@@ -472,8 +452,7 @@ def make_yield(features: Features):
             if wp.static(leans):
                 ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
             if wp.static(features.order == 2):
-                moved = displacement - xyz(load4(ctx.position_lo, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+                forgotten(i, displacement, push, w, met, ctx)
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)
