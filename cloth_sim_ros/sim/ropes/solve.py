@@ -185,7 +185,7 @@ def _make_lean_all(features: Features, threads: int):
         if wp.static(lean_between is not None):
             sync()
             for j in range(t, ctx.body.count - 1, wp.static(threads)):
-                lean_between(j, near, ctx, k, True)
+                lean_between(j, near, ctx, True)
 
     return lean_all
 
@@ -203,7 +203,7 @@ def _make_left_open(features: Features, threads: int):
                 open = PARTICLES
         if wp.static(lean_between is not None):
             for j in range(t, ctx.body.count - 1, wp.static(threads)):
-                if lean_between(j, near, ctx, k, False):
+                if lean_between(j, near, ctx, False):
                     changes = SEGMENTS
         return wp.where(sync_any(open) != 0, PARTICLES, 0) + wp.where(sync_any(changes) != 0, SEGMENTS, 0)
 

@@ -376,7 +376,7 @@ def _make_watch(features: Features):
 
 
 def make_lean_between(features: Features):
-    """Return a Warp function that finds what a collider does to segment j between its particles.
+    """Return a Warp function that finds what a collider does to segment k between its particles.
 
     It returns True if a contact is open that acts within the solve, or closed and does not act, or if its friction is
     off. Then the rope is solved once more from where it is now, a step of a semi-smooth Newton method (Alart and
@@ -387,14 +387,14 @@ def make_lean_between(features: Features):
     meet, watch = make_ccd(features.shapes), _make_watch(features)
 
     @wp.func
-    def lean_between(j: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:
-        corners, place = corners_of(ctx.body.panels + j, ctx), ctx.body.segments + j
+    def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
+        corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
         push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
-        solved = _solved_between(j, ctx)
+        solved = _solved_between(k, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
-            entry = (ctx.body.panels + j) * ctx.colliders.shape[0] + c
+            entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
             collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
             facet = facet_of(corners, ctx, sweep)
             press = ctx.state.contact.presses[entry]
@@ -404,7 +404,7 @@ def make_lean_between(features: Features):
             if wp.max(press.weights) > 0.0 and wp.max(press.weights) <= CORNER:  # it touched the segment at some time
                 w = _inverse_mass(corners, press.weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
-                apart, ratio = pace(collider, ctx.step), ratio_of(j, w, ctx)
+                apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
                 met[3] += NOISE  # as in surface.py
                 local = sweep.to_local * press.normal
@@ -413,7 +413,7 @@ def make_lean_between(features: Features):
                     before = xyz(press.so_far) + press.so_far[3] * local
                 before *= w * ctx.step.effective * ctx.step.effective
                 softness = collider.compliance * ctx.step.inverse_square / wp.max(w, 1.0e-20)
-                friction = friction_between(j, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
+                friction = friction_between(k, c, press.weights, wp.dot(before - ratio * slip, facet.b - facet.a), ctx)
                 found = augmented(before, met, slip, wp.length(p), ratio, softness, friction, DASHPOT)
                 pressed = wp.dot(xyz(found), xyz(met))
                 acted = acted or press.lean[3] > 0.0

@@ -356,19 +356,6 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
 
 
 @wp.func
-def add_leans(i: int, met: Met, ctx: Context):
-    """Add to the forces of colliders what they did to the segments around particle i of a rope within its solve."""
-    for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
-        q = ctx.model.particle_panels[place]
-        first = corners_of(q, ctx)[0] == i
-        for c in range(ctx.colliders.shape[0]):
-            press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
-            if press.when == ctx.substep and press.lean[3] > 0.0:
-                share = wp.where(first, press.leaned[0], press.leaned[1] + press.leaned[2])
-                add_force(met.forces, met.slot * ctx.colliders.shape[0] + c, (met.share * share) * press.acted)
-
-
-@wp.func
 def forgotten(i: int, displacement: wp.vec3, push: Push, w: float, met: Met, ctx: Context):
     """Keep only the part of particle i's past that still holds after that push, see `forget`."""
     if push.pressed > 0.0:
@@ -376,42 +363,41 @@ def forgotten(i: int, displacement: wp.vec3, push: Push, w: float, met: Met, ctx
         add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
 
 
-@wp.func
-def hits_between(i: int, w: float, met: Met, ctx: Context) -> Push:
-    """Return the push on particle i of a rope by colliders that hit the segments around it within the solve.
-
-    As with what the particle itself leans on, it came nearer by more than half of what it is pressed back.
-    """
-    push, v = Push(), xyz(load_row(met.velocities, met.slot))
-    past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
-    for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
-        q = ctx.model.particle_panels[place]
-        first = corners_of(q, ctx)[0] == i
-        for c in range(ctx.colliders.shape[0]):
-            press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
-            if press.when == ctx.substep and press.lean[3] > 0.0:
-                n, motion = xyz(press.lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
-                pressed = w * wp.where(first, press.leaned[0], press.leaned[1] + press.leaned[2])
-                pressed *= wp.dot(press.acted, n)
-                if wp.dot(motion - past, n) > 0.5 * pressed:
-                    push = with_push(push, n, pressed, motion, met.slot * ctx.colliders.shape[0] + c)
-    return push
-
-
 def _make_leaned(features: Features):
-    """Return a Warp function that adds the forces of the solve on segments around particle i; it returns hits."""
+    """Return a Warp function that adds to forces what colliders did to segments around particle i in the solve.
+
+    It returns the push by those that hit them, for the past that BDF2 keeps. As with what the particle itself leans on,
+    it came nearer by more than half of what it is pressed back.
+    """
+
+    @wp.func
+    def none(i: int, w: float, met: Met, ctx: Context) -> Push:
+        return Push()
 
     @wp.func
     def leaned(i: int, w: float, met: Met, ctx: Context) -> Push:
-        push = Push()
-        if wp.static(features.leans):
-            if ctx.last:
-                add_leans(i, met, ctx)
-                if wp.static(features.order == 2):
-                    push = hits_between(i, w, met, ctx)
+        push, v = Push(), xyz(load_row(met.velocities, met.slot))
+        if not ctx.last:
+            return push
+        past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
+        for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
+            q = ctx.model.particle_panels[place]
+            first = corners_of(q, ctx)[0] == i
+            for c in range(ctx.colliders.shape[0]):
+                at = q * ctx.colliders.shape[0] + c
+                lean = ctx.state.contact.presses[at].lean
+                if ctx.state.contact.presses[at].when == ctx.substep and lean[3] > 0.0:
+                    weights = ctx.state.contact.presses[at].leaned
+                    share = wp.where(first, weights[0], weights[1] + weights[2]) * ctx.state.contact.presses[at].acted
+                    entry = met.slot * ctx.colliders.shape[0] + c
+                    add_force(met.forces, entry, met.share * share)
+                    n, motion = xyz(lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
+                    pressed = w * wp.dot(share, n)
+                    if wp.static(features.order == 2) and wp.dot(motion - past, n) > 0.5 * pressed:
+                        push = with_push(push, n, pressed, motion, entry)
         return push
 
-    return leaned
+    return leaned if features.leans else none
 
 
 def make_yield(features: Features):
