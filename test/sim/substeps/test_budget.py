@@ -48,7 +48,7 @@ def test_contact_takes_its_share_of_the_budget():
 
 
 def test_contact_of_a_rope_takes_its_share_of_the_budget():
-    """Over the edge of a box each substep takes several Newton steps: they cost nearly three times a substep beside it.
+    """Over the edge of a box each substep takes several Newton steps: they cost about four times a substep beside it.
 
     Out of reach a box costs three times a rope alone, as points between its particles are watched.
     """
@@ -62,7 +62,7 @@ def test_contact_of_a_rope_takes_its_share_of_the_budget():
         sim = Simulation(Scene({"it": rope}, boxes), Settings(error=1e-6, budget=0.05), device="cpu")
         substeps[place] = np.mean(substeps_taken(sim, 2 * FRAMES)[FRAMES:])
     assert 2.0 < substeps["alone"] / substeps["far"] < 5.0
-    assert 1.5 < substeps["far"] / substeps["across"] < 5.0
+    assert 2.0 < substeps["far"] / substeps["across"] < 8.0
 
 
 def test_objects_share_the_budget():

@@ -22,7 +22,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, Facet, point_of, slip_at
+from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
 from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
@@ -355,22 +355,20 @@ def _solved_between(k: int, ctx: Context) -> wp.vec3:
 
 
 def _make_watch(features: Features):
-    """Return a Warp function: the weights of the point of a segment that a collider touches, or last touched.
+    """Return a Warp function that opens the contact of a segment, and stores the point at which a collider touches it.
 
-    They are found anew before each solve. The point of a segment that slides over an edge changes, and beside it the
+    It is found anew before each solve. The point of a segment that slides over an edge changes, and beside it the
     edge would push the rope along.
     """
     touched_in = make_touched_in(features)
 
     @wp.func
-    def watch(
-        facet: Facet, corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context
-    ) -> wp.vec3:
+    def watch(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context):
+        ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
         if is_tested(corners, ctx, collider, sweep):
-            weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
+            weights = touched_in(facet_of(corners, ctx, sweep), entry, collider, WITHIN * ctx.material.thickness, ctx)
             if wp.max(weights) > 0.0:
                 ctx.state.contact.presses[entry].weights = weights
-        return ctx.state.contact.presses[entry].weights
 
     return watch
 
@@ -396,13 +394,12 @@ def make_lean_between(features: Features):
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
             collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
-            facet = facet_of(corners, ctx, sweep)
-            press = ctx.state.contact.presses[entry]
             if writes:
-                ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
-                press.weights = watch(facet, corners, entry, collider, sweep, ctx)
-            if wp.max(press.weights) > 0.0 and wp.max(press.weights) <= CORNER:  # it touched the segment at some time
-                w = _inverse_mass(corners, press.weights, ctx)
+                watch(corners, entry, collider, sweep, ctx)
+            weights = ctx.state.contact.presses[entry].weights
+            if wp.max(weights) > 0.0 and wp.max(weights) <= CORNER:  # it touched the segment at some time
+                press = ctx.state.contact.presses[entry]
+                facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
                 apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
