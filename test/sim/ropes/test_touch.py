@@ -324,7 +324,7 @@ def test_a_coarse_rope_that_slides_off_an_edge_gains_no_energy(device, substeps)
         x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)
         energy = 9.81 * masses @ x[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
         lowest = min(lowest, energy)
-        assert energy < lowest + 0.03
+        assert energy < lowest + 0.1
 
 
 @pytest.mark.long
