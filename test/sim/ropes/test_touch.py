@@ -14,6 +14,12 @@ G = 9.81
 ACROSS = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # turns local z to y
 
 
+def mechanical_energy(sim):
+    """The energy of motion and weight of the object `it` [J], without what is elastic."""
+    masses, v = sim.masses("it").astype(float), sim.velocities("it").astype(float)
+    return G * masses @ sim.positions("it")[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
+
+
 def leaning(angle, friction, rigidity=5.0, segments=20, length=1.0, device="cpu", **settings):
     """A rod that leans at `angle` [rad] from a smooth wall x = 0, with its foot on a rough floor z = 0."""
     radius, mu = 0.003, {"static_friction": friction, "kinetic_friction": friction}
@@ -275,11 +281,10 @@ def test_a_rope_that_falls_over_a_bar_gains_no_energy(device, substeps):
     for off in (0.0, 1e-4, 1e-3, 3e-3, 1e-2):
         rope = Rope(start=(-0.5, 0, 0.06), end=(0.5 + off, 0, 0.06), pins=None)
         sim = Simulation(Scene({"it": rope}, {"bar": bar}), Settings(substeps=substeps), device=device)
-        masses, lowest = sim.masses("it"), np.inf
+        lowest = np.inf
         for _ in range(60):
             sim.step()
-            x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)
-            energy = 9.81 * masses @ x[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
+            energy = mechanical_energy(sim)
             lowest = min(lowest, energy)
             assert energy < lowest + 0.01 * 9.81 * rope.mass * 0.5, "as of a fall by its half"
 
@@ -298,14 +303,12 @@ def test_a_rope_that_is_thrown_obliquely_on_a_floor_gains_no_energy(device, mate
         rope = Rope.of(material, segments=segments, start=start, end=end, pins=None, **rubs)
         sim = Simulation(Scene({"it": rope}, {"floor": Plane(**rubs)}), Settings(substeps=substeps), device=device)
         sim.set_velocities("it", np.tile(np.float32([0, 0, -5]), (segments + 1, 1)))
-        masses = sim.masses("it").astype(float)
-        lowest = 9.81 * masses @ sim.positions("it")[:, 2] + 12.5 * masses.sum()
+        lowest = mechanical_energy(sim)
         for _ in range(25):
             sim.step()
-            x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)
-            energy = 9.81 * masses @ x[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
+            energy = mechanical_energy(sim)
             lowest = min(lowest, energy)
-            assert energy < lowest + 0.02 * 12.5 * masses.sum()
+            assert energy < lowest + 0.02 * 12.5 * rope.mass
 
 
 @pytest.mark.parametrize("substeps", [10, 20, 0])
@@ -318,11 +321,10 @@ def test_a_coarse_rope_that_slides_off_an_edge_gains_no_energy(device, substeps)
     start, end = (0.30492, 0.307687, 0.333374), (-0.347389, -0.355596, 0.580638)
     rope = Rope(start=start, end=end, segments=8, mass=0.192519, radius=0.005, pins=(0,), **smooth)
     sim = Simulation(Scene({"it": rope}, {"box": box, "ball": ball}), Settings(substeps=substeps), device=device)
-    masses, lowest = sim.masses("it").astype(float), np.inf
+    lowest = np.inf
     for _ in range(25):
         sim.step()
-        x, v = sim.positions("it").astype(float), sim.velocities("it").astype(float)
-        energy = 9.81 * masses @ x[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
+        energy = mechanical_energy(sim)
         lowest = min(lowest, energy)
         assert energy < lowest + 0.1
 

@@ -8,8 +8,8 @@ A collider that corrects a point by p_0 so far, in a place `gap` above it and af
 with p_n >= 0, and with the tangential part cut to the cone where it slides. R, a ratio of a contact's stiffness to the
 mass of the point, is finite, so that the rope is solved with the contact as one more spring. The multiplier p is
 carried to the next substep, so that R does not matter for what rests (Alart and Curnier 1991; Daviet 2020, Simple and
-scalable frictional contacts for thin nodal objects). Where a solve leaves a particle friction that is not Coulomb's,
-the rope is solved again with what the law allows. The stages behind the solve take what R left.
+scalable frictional contacts for thin nodal objects). Where a solve leaves a contact that pulls, or friction that is not
+Coulomb's, the rope is solved again with what the law allows. The stages behind the solve take what R left.
 
 Points are particles, and those of segments that a collider touches between its particles.
 """

@@ -242,7 +242,7 @@ def _make_leave(features: Features):
     return leave
 
 
-def _make_pushed(features: Features):
+def make_pushed(features: Features):
     """Return a Warp function: a Push with one more collider, for the past that BDF2 keeps of a particle's motion.
 
     What a rope leans on within its solve counts only as it is hit: the particle came nearer by more than half of what
@@ -273,7 +273,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), _make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
-    turn_at, pushed_on = _make_turn_at(features), _make_pushed(features)
+    turn_at, pushed_on = _make_turn_at(features), make_pushed(features)
     least, is_squeezed, has_touched = least_mass(features), make_is_squeezed(features), make_has_touched(features)
 
     @wp.func

@@ -37,6 +37,7 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     add_force,
     forget,
     least_mass,
+    make_pushed,
     make_touch,
     pace,
     with_push,
@@ -51,7 +52,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
-from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
@@ -366,9 +367,9 @@ def forgotten(i: int, displacement: wp.vec3, push: Push, w: float, met: Met, ctx
 def _make_leaned(features: Features):
     """Return a Warp function that adds to forces what colliders did to segments around particle i in the solve.
 
-    It returns the push by those that hit them, for the past that BDF2 keeps. As with what the particle itself leans on,
-    it came nearer by more than half of what it is pressed back.
+    It returns the push by those that hit them, see make_pushed.
     """
+    pushed_on = make_pushed(features)
 
     @wp.func
     def none(i: int, w: float, met: Met, ctx: Context) -> Push:
@@ -376,10 +377,9 @@ def _make_leaned(features: Features):
 
     @wp.func
     def leaned(i: int, w: float, met: Met, ctx: Context) -> Push:
-        push, v = Push(), xyz(load_row(met.velocities, met.slot))
+        push = Push()
         if not ctx.last:
             return push
-        past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
         for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
             q = ctx.model.particle_panels[place]
             first = corners_of(q, ctx)[0] == i
@@ -392,9 +392,7 @@ def _make_leaned(features: Features):
                     entry = met.slot * ctx.colliders.shape[0] + c
                     add_force(met.forces, entry, met.share * share)
                     n, motion = xyz(lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
-                    pressed = w * wp.dot(share, n)
-                    if wp.static(features.order == 2) and wp.dot(motion - past, n) > 0.5 * pressed:
-                        push = with_push(push, n, pressed, motion, entry)
+                    push = pushed_on(push, n, w * wp.dot(share, n), motion, entry, True, met, ctx)
         return push
 
     return leaned if features.leans else none
