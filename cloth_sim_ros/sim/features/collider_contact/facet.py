@@ -12,9 +12,9 @@ from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signe
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
-# Tolerance [m]: the search ends if no point of the line can be deeper by more. A rope that rests would creep by the
-# first one, as the point of a segment jumps.
-_NEAR, _EXACT = wp.constant(1.0e-5), wp.constant(1.0e-7)
+# Tolerance [m]: the search ends if no point of the line can be deeper by more. With 1e-5, what rests would creep or
+# shake, as contact would miss it or jump along it.
+_NEAR = wp.constant(1.0e-7)
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
 _FEWEST, _MOST = 3, 8
 _AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
@@ -177,8 +177,8 @@ def make_along(shapes: tuple[str, ...]):
     signed_distance = make_signed_distance(shapes)
 
     @wp.func
-    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3, near: float) -> Line:
-        """Return the deepest point of the line from `start` to `start + e`; near: tolerance [m]."""
+    def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
+        """Return the deepest point of the line from `start` to `start + e`."""
         first = signed_distance(shape, start, size, data)
         last = signed_distance(shape, start + e, size, data)
         found = Line()
@@ -197,7 +197,7 @@ def make_along(shapes: tuple[str, ...]):
             found.plane = above
             return found
         k = int(0)
-        while k < wp.static(_CUTS) and found.value - lowest(low, high) > near:
+        while k < wp.static(_CUTS) and found.value - lowest(low, high) > _NEAR:
             at = cut(k, low, high)
             ctx = signed_distance(shape, start + at * e, size, data)
             slope = wp.dot(xyz(ctx), e)
@@ -317,8 +317,7 @@ def _make_search(shapes: tuple[str, ...]):
     @wp.func
     def row(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, u: float) -> Line:
         """Return the deepest point of the row of a triangle at the share u of the way from its side a-c to b."""
-        near = wp.where(facet.is_segment, _EXACT, _NEAR)
-        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a), near)
+        found = along(shape, size, data, facet.a + u * (facet.b - facet.a), (1.0 - u) * (facet.c - facet.a))
         found.at *= 1.0 - u
         return found
 
@@ -371,6 +370,44 @@ def _make_search(shapes: tuple[str, ...]):
         return best
 
     return search
+
+
+def make_balanced(shapes: tuple[str, ...]):
+    """Return a Warp function: weights of the point at which a collider presses a triangle whose deepest point is found.
+
+    An edge of a collider presses a whole line of a triangle. Its deepest point would jump from one end of that line to
+    the other, and the triangle would rock on it for ever. So the deepest points of the sides count by the squares of
+    their depths, and the deepest of all by what its square is larger. In a non-convex shape the mean has to be half as
+    deep as the deepest.
+    """
+    along, formula, signed_distance = make_along(shapes), make_formula(shapes), make_signed_distance(shapes)
+    width = make_width(shapes)
+
+    @wp.func
+    def balanced(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, found: Deepest, thickness: float) -> wp.vec3:
+        if wp.static(formula is not None):
+            if wp.max(formula(shape, facet.a, facet.b, facet.c)) > 0.0:
+                return found.weights
+        sum, total, most = wp.vec3(0.0), float(0.0), float(0.0)
+        for k in range(3):
+            start = wp.vec3(float(k == 0), float(k == 1), float(k == 2))
+            way = wp.vec3(start[2], start[0], start[1]) - start
+            side = along(shape, size, data, point_of(facet, start), point_of(facet, way))
+            depth = wp.max(thickness - side.value, 0.0)
+            square = depth * depth
+            sum += square * (start + side.at * way)
+            total += square
+            most = wp.max(most, square)
+        deepest = thickness - found.value
+        left = wp.max(deepest * deepest - most, 0.0)
+        weights = (sum + left * found.weights) / wp.max(total + left, 1.0e-30)
+        if wp.static(width is not None):
+            if width(shape, data) > 0.0:
+                here = signed_distance(shape, point_of(facet, weights), size, data)[3]
+                return wp.where(thickness - here < 0.5 * deepest, found.weights, weights)
+        return weights
+
+    return balanced
 
 
 @wp.func

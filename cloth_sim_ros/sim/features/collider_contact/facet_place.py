@@ -10,11 +10,13 @@ from cloth_sim_ros.sim.colliders import make_is_beyond
 from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, strays
 from cloth_sim_ros.sim.features.collider_contact.facet import (
+    CORNER,
     FAST,
     Deepest,
     Facet,
     farthest_of,
     longest_way,
+    make_balanced,
     make_least,
     make_touched,
     middle_of,
@@ -119,7 +121,7 @@ def looked(facet: Facet, found: Deepest) -> Look:
 def make_touched_in(features: Features):
     """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
     touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
-    least = make_least(features.shapes)
+    least, balanced = make_least(features.shapes), make_balanced(features.shapes)
 
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
@@ -153,6 +155,9 @@ def make_touched_in(features: Features):
                 ctx.state.contact.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
+            if not facet.is_segment and wp.max(found.weights) <= CORNER:
+                note_work(1, ctx)
+                return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
         return found.weights
 
     return touched_in
