@@ -377,16 +377,17 @@ def make_balanced(shapes: tuple[str, ...]):
 
     An edge of a collider presses a whole line of a triangle. Its deepest point would jump from one end of that line to
     the other, and the triangle would rock on it for ever. So the deepest points of the sides count by the squares of
-    their depths, and the deepest of all by what its square is larger. In a non-convex shape the mean has to be half as
-    deep as the deepest.
+    their depths, and the deepest of all by what its square is larger. Of a non-convex shape it is the deepest point.
     """
-    along, formula, signed_distance = make_along(shapes), make_formula(shapes), make_signed_distance(shapes)
-    width = make_width(shapes)
+    along, formula, width = make_along(shapes), make_formula(shapes), make_width(shapes)
 
     @wp.func
     def balanced(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, found: Deepest, thickness: float) -> wp.vec3:
         if wp.static(formula is not None):
             if wp.max(formula(shape, facet.a, facet.b, facet.c)) > 0.0:
+                return found.weights
+        if wp.static(width is not None):
+            if width(shape, data) > 0.0:
                 return found.weights
         sum, total, most = wp.vec3(0.0), float(0.0), float(0.0)
         for k in range(3):
@@ -400,12 +401,7 @@ def make_balanced(shapes: tuple[str, ...]):
             most = wp.max(most, square)
         deepest = thickness - found.value
         left = wp.max(deepest * deepest - most, 0.0)
-        weights = (sum + left * found.weights) / wp.max(total + left, 1.0e-30)
-        if wp.static(width is not None):
-            if width(shape, data) > 0.0:
-                here = signed_distance(shape, point_of(facet, weights), size, data)[3]
-                return wp.where(thickness - here < 0.5 * deepest, found.weights, weights)
-        return weights
+        return (sum + left * found.weights) / wp.max(total + left, 1.0e-30)
 
     return balanced
 

@@ -155,7 +155,8 @@ def make_touched_in(features: Features):
                 ctx.state.contact.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
-            if not facet.is_segment and wp.max(found.weights) <= CORNER:
+            # The load of a pinch is that of one point.
+            if not facet.is_segment and collider.opposite == 0 and wp.max(found.weights) <= CORNER:
                 note_work(1, ctx)
                 return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
         return found.weights
