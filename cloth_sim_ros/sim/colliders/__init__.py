@@ -116,6 +116,25 @@ def _or_wide(others, name: str):
     return wp.func(width, name=f"width_{name}")
 
 
+def make_has_edges(present: tuple[str, ...]):
+    """Make a Warp function (shape, data): True if a collider is convex and may have sharp edges.
+
+    Returns None if no shape in `present` may have some.
+    """
+    edged = sum(1 << number_of(name) for name in present if SHAPES[name].edged)
+    width = make_width(present)
+
+    @wp.func
+    def has_edges(shape: int, data: wp.uint64) -> bool:
+        if (wp.static(edged) >> shape) & 1 == 0:
+            return False
+        if wp.static(width is not None):
+            return width(shape, data) == 0.0
+        return True
+
+    return has_edges if edged else None
+
+
 def make_formula(present: tuple[str, ...]):
     """Make a Warp function (shape, a, b, c): weights of the deepest point of a triangle, or 0 if it has to be searched.
 

@@ -43,6 +43,7 @@ class Box(Collider):
     dimensions = (lengths("half_extents"),)
     wholes = {"half_extents": "x y z"}
     distance = signed_distance
+    edged = True
 
     def reach(self) -> float:
         """From the middle to a corner [m]."""

@@ -61,8 +61,9 @@ class Collider:
     point p. at_least: a quick lower bound (p, data) [m] of a distance that is slow to compute. width: of a
     shape that may not be convex, a Warp function (data) -> twice its volume over its surface [m], or 0 where the
     distance is convex along every line. deepest: where a formula is faster than a search, a Warp function (a, b, c) ->
-    weights of the corners in the deepest point of a triangle; b and c are equal for a segment. wholes: halves among
-    `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these come first.
+    weights of the corners in the deepest point of a triangle; b and c are equal for a segment. edged: True if its
+    surface may have sharp edges. wholes: halves among `dimensions`, of which YAML has the double as in
+    shape_msgs/SolidPrimitive, and its name there; these come first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -77,6 +78,7 @@ class Collider:
     at_least: ClassVar[wp.Function | None] = None
     width: ClassVar[wp.Function | None] = None
     deepest: ClassVar[wp.Function | None] = None
+    edged: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_fields(self, (*table.COLLIDER, *self.dimensions))

@@ -36,6 +36,7 @@ class Cylinder(Tube):
     """All points within `radius` [m] of local z, up to `half_length` [m] both ways."""
 
     distance = signed_distance
+    edged = True
 
     def reach(self) -> float:
         """From the middle to a rim [m]."""

@@ -46,6 +46,7 @@ class Mesh(Collider):
     file: str = ""
     content: str = field(init=False, default="", repr=False)
     distance = mesh_distance.signed_distance
+    edged = True
     at_least = mesh_distance.at_least
     width = mesh_distance.width
 

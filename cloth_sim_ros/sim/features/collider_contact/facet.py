@@ -373,22 +373,16 @@ def _make_search(shapes: tuple[str, ...]):
 
 
 def make_balanced(shapes: tuple[str, ...]):
-    """Return a Warp function: weights of the point at which a collider presses a triangle whose deepest point is found.
+    """Return a Warp function: weights of the point at which an edge presses a triangle whose deepest point is found.
 
-    An edge of a collider presses a whole line of a triangle. Its deepest point would jump from one end of that line to
-    the other, and the triangle would rock on it for ever. So the deepest points of the sides count by the squares of
-    their depths, and the deepest of all by what its square is larger. Of a non-convex shape it is the deepest point.
+    An edge presses a whole line of a triangle. Its deepest point would jump from one end of that line to the other, and
+    the triangle would rock on it for ever. So the deepest points of the sides count by the squares of their depths, and
+    the deepest of all by what its square is larger.
     """
-    along, formula, width = make_along(shapes), make_formula(shapes), make_width(shapes)
+    along = make_along(shapes)
 
     @wp.func
     def balanced(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, found: Deepest, thickness: float) -> wp.vec3:
-        if wp.static(formula is not None):
-            if wp.max(formula(shape, facet.a, facet.b, facet.c)) > 0.0:
-                return found.weights
-        if wp.static(width is not None):
-            if width(shape, data) > 0.0:
-                return found.weights
         sum, total, most = wp.vec3(0.0), float(0.0), float(0.0)
         for k in range(3):
             start = wp.vec3(float(k == 0), float(k == 1), float(k == 2))

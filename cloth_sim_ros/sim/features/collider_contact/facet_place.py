@@ -6,7 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.colliders import make_is_beyond
+from cloth_sim_ros.sim.colliders import make_has_edges, make_is_beyond
 from cloth_sim_ros.sim.features.collider_contact.arrays import Look, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, strays
 from cloth_sim_ros.sim.features.collider_contact.facet import (
@@ -118,10 +118,31 @@ def looked(facet: Facet, found: Deepest) -> Look:
     return look
 
 
+def _make_pressed_at(shapes: tuple[str, ...]):
+    """Return a Warp function: the weights of the point at which a collider presses a facet that touches it."""
+    has_edges, balanced = make_has_edges(shapes), make_balanced(shapes)
+
+    @wp.func
+    def deepest(facet: Facet, found: Deepest, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
+        return found.weights
+
+    @wp.func
+    def pressed_at(facet: Facet, found: Deepest, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
+        # The load of a pinch is that of one point.
+        if facet.is_segment or collider.opposite != 0 or wp.max(found.weights) > CORNER:
+            return found.weights
+        if not has_edges(collider.shape, collider.data):
+            return found.weights
+        note_work(1, ctx)
+        return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
+
+    return pressed_at if has_edges is not None else deepest
+
+
 def make_touched_in(features: Features):
     """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
     touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
-    least, balanced = make_least(features.shapes), make_balanced(features.shapes)
+    least, pressed_at = make_least(features.shapes), _make_pressed_at(features.shapes)
 
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
@@ -155,10 +176,7 @@ def make_touched_in(features: Features):
                 ctx.state.contact.looks[entry].weights = found.weights
             if found.value >= thickness - NOISE:
                 return wp.vec3(0.0)
-            # The load of a pinch is that of one point.
-            if not facet.is_segment and collider.opposite == 0 and wp.max(found.weights) <= CORNER:
-                note_work(1, ctx)
-                return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
+            return pressed_at(facet, found, collider, thickness, ctx)
         return found.weights
 
     return touched_in

@@ -245,21 +245,21 @@ def _make_leave(features: Features):
 def make_pushed(features: Features):
     """Return a Warp function: a Push with one more collider, for the past that BDF2 keeps of a particle's motion.
 
-    What a rope leans on within its solve (`leaned`), and what presses the facets of a sheet, counts only as it hits:
-    the particle came nearer by more than half of what it is pressed back. Else it would rebound at half its speed,
-    pressed once more by the force that the solve carries, or forget a part of each swing.
+    What a rope leans on within its solve counts only as it is hit: the particle came nearer by more than half of what
+    it is pressed back. Else it would rebound at half its speed, pressed once more by the force that the solve carries.
     """
 
     @wp.func
     def pushed(
         push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entry: int, leaned: bool, met: Met, ctx: Context
     ) -> Push:
-        if wp.static(features.order == 2):
+        if wp.static(features.leans):
             if leaned:
                 v = xyz(load_row(met.velocities, met.slot))
                 past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
                 if wp.dot(motion - past, normal) <= 0.5 * pressed:
                     return push
+        if wp.static(features.order == 2):
             return with_push(push, normal, pressed, motion, entry)
         return push
 

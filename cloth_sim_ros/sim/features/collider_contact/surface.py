@@ -40,6 +40,7 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     make_pushed,
     make_touch,
     pace,
+    with_push,
 )
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
@@ -400,7 +401,7 @@ def _make_leaned(features: Features):
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
     least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
-    leans, leaned, pushed_on = features.leans, _make_leaned(features), make_pushed(features)
+    leans, leaned = features.leans, _make_leaned(features)
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -428,7 +429,7 @@ def make_yield(features: Features):
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
                     motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
-                    push = pushed_on(push, n, wp.dot(correction, n), motion, entry, True, met, ctx)
+                    push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
             store4(ctx.d, i, pack(displacement, w))
