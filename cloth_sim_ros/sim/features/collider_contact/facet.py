@@ -126,21 +126,26 @@ def farthest_of(facet: Facet) -> float:
 
 
 def make_least(shapes: tuple[str, ...]):
-    """Return a Warp function: a lower bound of the distance [m] of a facet to a collider of `shapes`.
+    """Return a Warp function: a lower bound of the distance [m] of a facet to a collider of `shapes` in a substep.
 
-    The bound is the tangent plane at the middle of the facet. It is -1e30 for non-convex shapes.
+    It holds at the end, and on the whole way if `swept`. The bound is the tangent plane at the middle of the facet. It
+    is -1e30 for non-convex shapes.
     """
     signed_distance, width = make_signed_distance(shapes), make_width(shapes)
 
     @wp.func
-    def least(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet) -> float:
+    def least(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, swept: bool) -> float:
         if wp.static(width is not None):
             if width(shape, data) > 0.0:
                 return -_FAR
         middle = middle_of(facet)
         plane = tangent(middle, signed_distance(shape, middle, size, data))
         n = xyz(plane)
-        return plane[3] + wp.min(wp.dot(n, facet.a), wp.min(wp.dot(n, facet.b), wp.dot(n, facet.c)))
+        low = wp.min(wp.dot(n, facet.a), wp.min(wp.dot(n, facet.b), wp.dot(n, facet.c)))
+        if swept:
+            was = back(facet, 1.0)
+            low = wp.min(low, wp.min(wp.dot(n, was.a), wp.min(wp.dot(n, was.b), wp.dot(n, was.c))))
+        return plane[3] + low
 
     return least
 

@@ -15,7 +15,14 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_width
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
-from cloth_sim_ros.sim.features.collider_contact.facet import ADVANCES, STEP, back, longest_way, make_deepest
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    ADVANCES,
+    STEP,
+    back,
+    longest_way,
+    make_deepest,
+    make_least,
+)
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corners_of,
     facet_of,
@@ -57,7 +64,7 @@ def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> fl
 
 def _make_given_up(shapes: tuple[str, ...]):
     """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
-    deepest, width = make_deepest(shapes), make_width(shapes)
+    deepest, width, lowest = make_deepest(shapes), make_width(shapes), make_least(shapes)
 
     @wp.func
     def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
@@ -75,6 +82,9 @@ def _make_given_up(shapes: tuple[str, ...]):
         off = wp.where(look.known == 1, look.value - moved_since(look, facet) - way, 0.0)
         pressed = ctx.state.contact.presses[entry].when == ctx.substep
         if collider.compliance > 0.0 or (off > 0.0 and not pressed) or way <= off - _least(off, thickness):
+            return none
+        # On its way over a flat face it comes no nearer.
+        if lowest(collider.shape, collider.size, collider.data, facet, True) >= _LEAST * thickness:
             return none
         left, count = float(1.0), int(0)
         plane = wp.vec4(0.0)

@@ -156,12 +156,11 @@ def make_touched_in(features: Features):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
                 return wp.vec3(0.0)
         slow = way <= FAST * thickness
-        if slow:
-            found = Deepest()
-            found.value = least(collider.shape, collider.size, collider.data, facet)
-            if found.value >= thickness - NOISE:  # true for most facets on a flat face
-                ctx.state.contact.looks[entry] = looked(facet, found)
-                return wp.vec3(0.0)
+        found = Deepest()
+        found.value = least(collider.shape, collider.size, collider.data, facet, not slow)
+        if found.value >= thickness - NOISE:  # true for most facets on a flat face
+            ctx.state.contact.looks[entry] = looked(facet, found)
+            return wp.vec3(0.0)
         known = wp.vec3(0.0)
         if look.known == 1 and moved <= _STILL * thickness and slow:
             known = look.weights

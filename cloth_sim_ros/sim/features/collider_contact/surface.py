@@ -180,7 +180,7 @@ def _make_friction(leans: bool):
     return friction_on
 
 
-def make_point_on(features: Features):
+def _make_point_on(features: Features):
     """Return a Warp function: the weights of the point at which a collider may press a facet; 0 if there is none."""
     touched_in, is_squeezed = make_touched_in(features), make_is_facet_squeezed(features)
 
@@ -189,6 +189,8 @@ def make_point_on(features: Features):
         squeezed = is_squeezed(entry, collider, ctx)
         slack = slack_of(collider, squeezed, ctx.state.contact.presses[entry].when >= ctx.substep - 1)
         weights = touched_in(facet, entry, collider, ctx.material.thickness + slack, ctx)
+        if wp.max(weights) > 0.0 and longest_way(facet) > FAST * ctx.material.thickness:
+            mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
         if wp.max(weights) > CORNER and not squeezed:
             return wp.vec3(0.0)
         return weights
@@ -258,7 +260,7 @@ def _make_presses(features: Features):
 
     Most do not: they are told before a Press is made.
     """
-    point_on, press_on = make_point_on(features), make_press_on(features)
+    point_on, press_on = _make_point_on(features), make_press_on(features)
 
     @wp.func
     def presses(corners: wp.vec3i, entry: int, c: int, ctx: Context) -> bool:
@@ -266,8 +268,6 @@ def _make_presses(features: Features):
         if not is_tested(corners, ctx, collider, sweep):
             return False
         facet = facet_of(corners, ctx, sweep)
-        if longest_way(facet) > FAST * ctx.material.thickness:
-            mark(corners, PRESSED, ctx)  # another of its points may pass through, see facet_clamp.py
         weights = point_on(facet, corners, entry, collider, ctx)
         if wp.max(weights) == 0.0:
             return False
