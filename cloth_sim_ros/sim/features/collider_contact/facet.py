@@ -9,12 +9,10 @@ one side. The same search works along a row and across rows.
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signed_distance, make_width
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
-# Tolerance [m]: the search ends if no point of the line can be deeper by more. With 1e-5, what rests would creep or
-# shake, as contact would miss it or jump along it.
-_NEAR = wp.constant(1.0e-7)
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
 _FEWEST, _MOST = 3, 8
 _AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
@@ -183,7 +181,11 @@ def make_along(shapes: tuple[str, ...]):
 
     @wp.func
     def along(shape: int, size: wp.vec3, data: wp.uint64, start: wp.vec3, e: wp.vec3) -> Line:
-        """Return the deepest point of the line from `start` to `start + e`."""
+        """Return the deepest point of the line from `start` to `start + e`.
+
+        The search ends if no point can be deeper by more than NOISE. With 1e-5 m, what rests would creep or shake, as
+        contact would miss it or jump along it.
+        """
         first = signed_distance(shape, start, size, data)
         last = signed_distance(shape, start + e, size, data)
         found = Line()
@@ -202,7 +204,7 @@ def make_along(shapes: tuple[str, ...]):
             found.plane = above
             return found
         k = int(0)
-        while k < wp.static(_CUTS) and found.value - lowest(low, high) > _NEAR:
+        while k < wp.static(_CUTS) and found.value - lowest(low, high) > NOISE:
             at = cut(k, low, high)
             ctx = signed_distance(shape, start + at * e, size, data)
             slope = wp.dot(xyz(ctx), e)
@@ -368,7 +370,7 @@ def _make_search(shapes: tuple[str, ...]):
                 high = wp.vec3(u, ctx.value, slope)
                 above = ctx.plane
             best.plane = between(low, high, below, above)
-            if best.value - lowest(low, high) <= _NEAR:
+            if best.value - lowest(low, high) <= NOISE:
                 return best
             u = cut(k, low, high)
             k += 1
