@@ -270,7 +270,7 @@ def test_a_sheet_that_bounces_on_a_ball_gains_no_energy(device):
     assert max(most[25:]) < 0.7 * 9.81 * 0.3
 
 
-@pytest.mark.parametrize("radius", [0.012, 0.05])
+@pytest.mark.parametrize("radius", [0.012, 0.024, 0.05])
 @pytest.mark.parametrize("method", ["auto", "xpbd"])
 @pytest.mark.long
 def test_a_cloth_over_a_rail_comes_to_rest(device, radius, method):
