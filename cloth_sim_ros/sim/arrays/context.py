@@ -10,6 +10,8 @@ from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup
 from cloth_sim_ros.sim.physics.integrate import Step
 
+SEARCH = wp.constant(3)  # cost of a search of a facet in a box, in tests whether a box can touch it
+
 
 @wp.struct
 class Context:
@@ -41,7 +43,23 @@ class Context:
     last: bool  # last iteration
 
 
+@wp.func_native("""
+#ifndef __CUDA_ARCH__
+    work.data[b][2] += tests;
+#endif
+""")
+def _add_tests(tests: int, work: wp.array(dtype=wp.vec4i), b: int):
+    """Add tests on a CPU; a GPU, whose threads share them, has no price for them."""
+    ...
+
+
 @wp.func
-def note_work(searches: int, ctx: Context):
-    """Count work that depends on the motion, in searches of a facet; its cost bounds the substeps (see prices.py)."""
-    wp.atomic_add(ctx.state.control.since, ctx.body.index, wp.vec4i(0, 0, searches, 0))
+def note_work(tests: int, ctx: Context):
+    """Count work that depends on the motion, in tests of a facet; its cost bounds the substeps (see prices.py)."""
+    _add_tests(tests, ctx.state.control.since, ctx.body.index)
+
+
+@wp.func
+def note_searches(searches: int, collider: ColliderMotion, ctx: Context):
+    """Count searches of a facet for the point that a collider touches."""
+    note_work(SEARCH * searches * collider.facets, ctx)

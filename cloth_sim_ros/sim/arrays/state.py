@@ -113,7 +113,7 @@ class ColliderMotion:
     end_position: wp.vec3
     end_orientation: wp.quat
     bends: PathBends
-    facets: int  # 1 if it can come between particles, so that facets are tested against it
+    facets: int  # its `cost` if it can come between particles, so that facets are tested against it, else 0
     opposite: int
     squeeze: float
     half_gap: float

@@ -25,6 +25,7 @@ class _OnDevice(OnDevice):
     """OnDevice with the grid that the CPU made."""
 
     grid: Grid
+    width: float
 
 
 _closed: set[str] = set()  # hashes of surfaces known to be closed
@@ -97,6 +98,11 @@ class Mesh(Collider):
         """As for a sphere, if balls of its radius fill the mesh up to a quarter of the thickness."""
         return _enters(self, needed, thickness)
 
+    @property
+    def cost(self) -> int:
+        """Convex meshes are searched until no point can be deeper, others between a few samples."""
+        return 2 if self.data(wp.get_device("cpu")).width else 10
+
     def data(self, device: wp.Device) -> _OnDevice:
         """The triangles in a tree, their normals, and the grid around them, which the CPU makes for all devices."""
 
@@ -114,11 +120,12 @@ class Mesh(Collider):
             around = wp.array(grid.around, dtype=float, device=device)
             names = wp.array(grid.names, dtype=int, device=device)
             words[2:5] = cells.ptr, around.ptr, names.ptr
-            words[5:6].view(np.float32)[0] = width_of(self.points(), self.triangles)
+            width = host.width if host else width_of(self.points(), self.triangles)
+            words[5:6].view(np.float32)[0] = width
             numbers = words.view(np.float32).reshape(-1, 4)
             numbers[-2:] = [*grid.origin, grid.spacing], [*grid.shape, 1.0 / grid.spacing]
             made = _OnDevice(wp.array(numbers, dtype=wp.vec4, device=device), tree, rows, cells, around, names, host)
-            made.grid = grid
+            made.grid, made.width = grid, width
             return made
 
         return shared(f"mesh {self.content} {self.scale}", device, make)

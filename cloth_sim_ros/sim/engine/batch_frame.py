@@ -28,7 +28,7 @@ class BatchFrame:
     def bound(self, b: int, choice: Choice, settings: Settings, sizes: np.ndarray, in_step: bool) -> None:
         """Write the choice for body b of `sizes` (worlds,) [m]; those `in_step` never sleep, as others move them."""
         flags = {"sleeps": int(settings.sleep and not in_step), "is_set": int(settings.substeps > 0)}
-        bounds = {name: getattr(choice, name) for name in ("least", "most", "fewest", "search")}
+        bounds = {name: getattr(choice, name) for name in ("least", "most", "fewest", "test")}
         self.limits.write(b, None, start=choice.substeps, error=settings.error, size=sizes, **flags, **bounds)
         self.safe_limits.write(b, None, start=choice.safe_substeps)
 

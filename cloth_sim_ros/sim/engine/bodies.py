@@ -127,8 +127,9 @@ class Bodies:
     def _around(self, name: str) -> Surroundings:
         """What determines the cost of a substep of an object, apart from itself."""
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
-        wind, colliders, spare = self.scene.wind is not None, self.colliders.array.shape[1], self.scene.spare_colliders
-        return Surroundings(device, wind, colliders, self.worlds, spare > 0, self._is_coupled(name), gravity)
+        wind, spare = self.scene.wind is not None, self.scene.spare_colliders
+        costs = [each.cost for each in self.scene.colliders.values()][: self.fixed] + [Collider.cost] * spare
+        return Surroundings(device, wind, costs, self.worlds, spare > 0, self._is_coupled(name), gravity)
 
     def _share_budget(self) -> dict[str, float]:
         """Share of the budget of each object. Those that advance in step count as one. A GPU runs objects side by side.
@@ -163,7 +164,7 @@ class Bodies:
         """Mark the colliders that can come between particles of any object; only these are tested against facets."""
         between = set().union(*self._between.values())
         for name, row in self.collider_row.items():
-            self.colliders.write(row, None, facets=int(name in between))
+            self.colliders.write(row, None, facets=self.scene.colliders[name].cost if name in between else 0)
 
     def _choose_now(self, name: str) -> Choice:
         """Choose for an object with its current materials and masses."""

@@ -40,8 +40,8 @@ NEWTON_STEPS = wp.constant(8)
 
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
-# Cost of a Newton step for a particle, in searches of facets for contact (see prices.py).
-SEARCHES = wp.constant(0.25)
+# Cost of a Newton step for a particle, in tests of facets for contact (see prices.py).
+TESTS = wp.constant(0.75)
 
 # Smallest compliance of a rigid segment along it, in the matrix, as a fraction of that of a rope's whole mass.
 STIFFEST = wp.constant(1.0e-4)
@@ -214,7 +214,7 @@ def _make_left_open(features: Features, threads: int):
 def note_steps(t: int, steps: int, ctx: Context):
     """Count Newton steps beyond the first one, which the budget has to pay."""
     if t == 0 and steps > 1:
-        note_work(int(SEARCHES * float((steps - 1) * ctx.body.count)), ctx)
+        note_work(int(TESTS * float((steps - 1) * ctx.body.count)), ctx)
 
 
 def _make_newton_step(features: Features, threads: int):

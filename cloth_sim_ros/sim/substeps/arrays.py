@@ -16,8 +16,8 @@ class StepLimits:
     """Bounds of the substeps of one body in a frame.
 
     start: substeps until an error is measured. least, most: bounds of those chosen from the error. fewest: those to
-    which searches of facets for contact may lower both; `least` where there are none. search: cost of such a search, as
-    a share of that of a substep without any. error: wanted error, as solver.error. size: largest extent of the body
+    which tests of facets for contact may lower both; `least` where there are none. test: cost of such a test, as a
+    share of that of a substep without any. error: wanted error, as solver.error. size: largest extent of the body
     [m]. sleeps: 1 if it is not computed while it is at rest. is_set: 1 if a user has set the substeps.
     """
 
@@ -25,7 +25,7 @@ class StepLimits:
     least: int
     most: int
     fewest: int
-    search: float
+    test: float
     error: float
     size: float
     sleeps: int
@@ -49,7 +49,7 @@ class ControlState:
     ledgers: wp.array(dtype=wp.vec4d)
     taken: wp.array(dtype=int)  # (B,) substeps of the last frame
     asleep: wp.array(dtype=int)  # (B,) 1 while the body is at rest
-    # (B,) since the error was measured: frames, substeps, searches of facets for contact, frames computed again
+    # (B,) since the error was measured: frames, substeps, tests of facets for contact, frames computed again
     since: wp.array(dtype=wp.vec4i)
     # (B,) RMS error of the last measured frame [m] and its order, error in this window and in the one before
     errors: wp.array(dtype=wp.vec4)

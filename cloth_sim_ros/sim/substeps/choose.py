@@ -46,7 +46,7 @@ class Choice:
     substeps: those of the first frame. least, most: bounds of the substeps that follow from the measured error; both
     are `substeps` if that is set. error: expected error in the units of solver.error. safe_substeps: substeps of an
     explicit frame that XPBD repeats. bending_share: share of a sheet's bending rigidity that acts. surface: True if
-    colliders are also kept out between particles. search, fewest: see StepLimits.
+    colliders are also kept out between particles. test, fewest: see StepLimits.
     """
 
     method: str
@@ -60,7 +60,7 @@ class Choice:
     safe_substeps: int = 1
     bending_share: float = 1.0
     surface: bool = False
-    search: float = 0.0
+    test: float = 0.0
     fewest: int = 1
 
     @property
@@ -148,13 +148,13 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    search = prices.search(around) / price
-    if search > 0.0:
+    test = prices.test(around) / price
+    if test > 0.0:
         fewest = min(least, math.ceil(max(fewest, smooth, bending, whole)))
     else:
         fewest = least
     bounds = (substeps, iterations, settings.error, reason, least, most)
-    return Choice("xpbd", order, *bounds, 1, share, around.surface, search, fewest)
+    return Choice("xpbd", order, *bounds, 1, share, around.surface, test, fewest)
 
 
 def _static(

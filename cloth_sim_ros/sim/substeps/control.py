@@ -180,7 +180,7 @@ def is_all_redone(since: wp.vec4i, limits: StepLimits) -> bool:
 
 @wp.func
 def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
-    """Substeps that the budget pays if each has as many searches for contact as those `since` the last measurement.
+    """Substeps that the budget pays if each has as many tests for contact as those `since` the last measurement.
 
     Twice n cost less than frames that are all computed again. Otherwise they fall slowly, and stay at n while some are.
     What slept has not met anything.
@@ -189,8 +189,8 @@ def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
         return n
     if is_all_redone(since, limits):
         return wp.max(n, wp.min(2 * n, MOST_GROWN * limits.most))
-    searches = float(since[2]) / float(since[1])
-    pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.search * searches)))
+    tests = float(since[2]) / float(since[1])
+    pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.test * tests)))
     return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))
 
 

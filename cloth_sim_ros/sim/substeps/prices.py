@@ -20,7 +20,7 @@ _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
 # Cost of a particle of a rope, more if it resists bending, and more where there are colliders, once for particles and
 # once for segments [ms].
 _SEGMENT, _BEND, _LEAN = 85.0 * _NS, 60.0 * _NS, 80.0 * _NS
-_SEARCH = 600.0 * _NS  # cost of a search of a facet for contact, and of pressing it [ms]
+_TEST = 200.0 * _NS  # cost of a test whether a box can touch a facet [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
 # stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
@@ -34,14 +34,14 @@ _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 class Surroundings:
     """Properties of a scene that determine the cost of a substep.
 
-    device: "cpu" or "cuda". wind: True with air. colliders, worlds: numbers of them. surface: True if colliders are
-    also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2]. share: share of the
-    budget that is the object's own.
+    device: "cpu" or "cuda". wind: True with air. colliders: the cost of each. worlds: number of them. surface: True if
+    colliders are also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2]. share:
+    share of the budget that is the object's own.
     """
 
     device: str
     wind: bool
-    colliders: int
+    colliders: Sequence[int]
     worlds: int = 1
     surface: bool = False
     coupled: bool = False
@@ -50,8 +50,8 @@ class Surroundings:
 
     @property
     def near(self) -> int:
-        """Number of colliders that cost time; of many, those out of reach cost nothing."""
-        return min(self.colliders, FEW)
+        """Cost of the colliders that cost time; of many, those out of reach cost nothing."""
+        return sum(sorted(self.colliders)[-FEW:])
 
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
@@ -59,12 +59,12 @@ def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]
     return _alone(topology, materials, around) + _meeting(topology, around) * around.coupled
 
 
-def search(around: Surroundings) -> float:
-    """Cost of the search of a facet for contact, in all worlds [ms]; 0 on a GPU, whose threads share them.
+def test(around: Surroundings) -> float:
+    """Cost of a test of a facet for contact, in all worlds [ms]; 0 on a GPU, whose threads share them.
 
-    How many there are depends on the motion, so they are counted as it runs.
+    How many there are depends on the motion, so they are counted as it runs, and searches as several.
     """
-    return around.worlds * _SEARCH if around.device == "cpu" and around.surface else 0.0
+    return around.worlds * _TEST if around.device == "cpu" and around.surface else 0.0
 
 
 def _meeting(topology: Topology, around: Surroundings) -> float:

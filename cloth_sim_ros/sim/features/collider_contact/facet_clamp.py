@@ -9,7 +9,7 @@ the facet touches it first.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context, note_work
+from cloth_sim_ros.sim.arrays.context import Context, note_searches
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_width
@@ -96,7 +96,7 @@ def _make_given_up(shapes: tuple[str, ...]):
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)
-            note_work(1, ctx)
+            note_searches(1, collider, ctx)
             # Rounding alone must not let a facet in that was stopped at the surface.
             if (count == 0 and found.value <= -NOISE) or left * way < found.value:
                 return none

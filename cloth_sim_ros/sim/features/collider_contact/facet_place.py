@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context, note_work
+from cloth_sim_ros.sim.arrays.context import Context, note_searches, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_has_edges, make_is_beyond
@@ -133,7 +133,7 @@ def _make_pressed_at(shapes: tuple[str, ...]):
             return found.weights
         if not has_edges(collider.shape, collider.data):
             return found.weights
-        note_work(1, ctx)
+        note_searches(1, collider, ctx)
         return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
 
     return pressed_at if has_edges is not None else deepest
@@ -155,6 +155,7 @@ def make_touched_in(features: Features):
         if wp.static(is_beyond is not None):
             if is_beyond(collider.shape, middle_of(facet), farthest_of(facet) + thickness, collider.data):
                 return wp.vec3(0.0)
+        note_work(1, ctx)
         slow = way <= FAST * thickness
         found = Deepest()
         found.value = least(collider.shape, collider.size, collider.data, facet, not slow)
@@ -166,7 +167,7 @@ def make_touched_in(features: Features):
             known = look.weights
         off = wp.where(look.known == 1, look.value - moved - way, 0.0)
         touch = touched(collider.shape, collider.size, collider.data, facet, thickness, known, off)
-        note_work((touch.searches + 2) / 3, ctx)  # farther off they cost less
+        note_searches((touch.searches + 2) / 3, collider, ctx)  # farther off they cost less
         found = touch.deepest
         if touch.left == 0.0:  # otherwise the point is where the facet touched the collider first
             if wp.max(known) == 0.0:

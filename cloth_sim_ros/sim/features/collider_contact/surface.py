@@ -7,7 +7,7 @@ order of facets does not matter, so all run in parallel.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context, note_work
+from cloth_sim_ros.sim.arrays.context import SEARCH, Context, note_work
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Press, Sweep
@@ -313,7 +313,7 @@ def make_press(features: Features):
                 while c < colliders:
                     entry = k * colliders + c
                     if presses(corners, entry, c, ctx):
-                        note_work(1, ctx)
+                        note_work(SEARCH, ctx)
                         note(c, near)
                         mark(corners, PRESSED, ctx)
                     elif ctx.state.contact.presses[entry].when == ctx.substep:
