@@ -14,7 +14,9 @@ from cloth_sim_ros.sim.executors.graph import Graph, Member
 
 Executor = Block | Graph
 EXECUTORS = ("block", "graph")
-_ALONE = 1600  # number of particles up to which one block is faster than several, on an H100
+# Number of particles up to which one block is faster than two, on an H100, and number of blocks from which several are
+# faster in any case, on an H200. Explicit steps have too little work between barriers for the latter.
+_ALONE, _MANY = 1600, 10
 
 
 def make_executor(
@@ -55,11 +57,14 @@ def make_safe_executor(
 def _in_blocks(features: Features, worlds: list[Arrays], counts: list[int], alone: bool, device: wp.Device) -> Block:
     """Return an executor with one block a body, or with several if a body does not fit one.
 
-    Several blocks are also faster for a large sheet; `alone` forbids them. A chain always has one block.
+    Several blocks are also faster for a large sheet, and for a smaller one if many multiprocessors are left to it;
+    `alone` forbids them. A chain always has one block.
     """
     largest, bodies = max(counts), len(counts) * len(worlds)
-    if device.is_cuda and not features.chain and not alone and largest > min(_ALONE, capacity(device, features)):
-        blocks, block = blocks_for(largest, bodies, device)
-    else:
-        blocks, block = 1, threads_for(features, largest, device)
+    blocks, block = 1, threads_for(features, largest, device)
+    if device.is_cuda and not features.chain and not alone:
+        several = blocks_for(largest, bodies, device)
+        many = several[0] >= _MANY and features.method == "xpbd"
+        if many or largest > min(_ALONE, capacity(device, features)):
+            blocks, block = several
     return Block(features, worlds, device, largest, blocks, block)

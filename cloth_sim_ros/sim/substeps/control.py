@@ -39,9 +39,9 @@ FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the 
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
 # Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
 STILL = wp.constant(6.0e-8)
-MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.8)  # bounds of the ratio of substeps in one change
+MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.65)  # bounds of the ratio of substeps in one change
 MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
-SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: what one shrink undoes
+SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: less than one shrink undoes
 FAR = wp.constant(3.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 
@@ -201,6 +201,7 @@ def chosen(n: int, share: float, order: float, least: int, most: int, error: flo
     Where errors do not fall as substeps double, as in chaos, more of them buy little. They grow by what they buy.
     """
     ratio = wp.pow(share / error, 1.0 / wp.clamp(order, 1.0, 2.0))
+    ratio = wp.max(ratio, wp.sqrt(wp.min(ratio, 1.0)))  # with fewer at once, a swing outruns the next measurement
     growth = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
     wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, growth)))
     if wanted <= n and float(wanted) > SPARE * float(n):
