@@ -39,7 +39,8 @@ FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the 
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
 # Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
 STILL = wp.constant(6.0e-8)
-MOST_GROWTH, LEAST_GROWTH = wp.constant(3.0), wp.constant(0.65)  # bounds of the ratio of substeps in one change
+# Bounds of the ratio of substeps in one change; ropes shrink less, as they whip before the next measurement.
+MOST_GROWTH, LEAST_GROWTH, LEAST_OF_ROPES = wp.constant(3.0), wp.constant(0.65), wp.constant(0.8)
 MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: less than one shrink undoes
 FAR = wp.constant(3.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
@@ -195,15 +196,17 @@ def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
 
 
 @wp.func
-def chosen(n: int, share: float, order: float, least: int, most: int, error: float) -> int:
+def chosen(n: int, share: float, order: float, growth: float, least: int, most: int, error: float) -> int:
     """Substeps for the wanted error, from the share of the error of a frame of n substeps, and its order.
 
     Where errors do not fall as substeps double, as in chaos, more of them buy little. They grow by what they buy.
+    growth: by how much errors grow along the motion, more than 1 of a rope.
     """
     ratio = wp.pow(share / error, 1.0 / wp.clamp(order, 1.0, 2.0))
     ratio = wp.max(ratio, wp.sqrt(wp.min(ratio, 1.0)))  # with fewer at once, a swing outruns the next measurement
-    growth = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
-    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, LEAST_GROWTH, growth)))
+    highest = wp.where(n < FEW, MOST_GROWTH, wp.max(SLOW_GROWTH, wp.pow(MOST_GROWTH, wp.min(order, 1.0))))
+    lowest = wp.where(growth > 1.0, LEAST_OF_ROPES, LEAST_GROWTH)
+    wanted = int(wp.ceil(float(n) * wp.clamp(ratio, lowest, highest)))
     if wanted <= n and float(wanted) > SPARE * float(n):
         wanted = n
     return wp.clamp(wanted, least, most)
@@ -250,7 +253,7 @@ def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
             part += wp.length_sq(s.last_displacements[g] - h * mean)
     error = float(n) * size_of(total(part), m.count, limits)
     share = share_of(error, 2.0, n, 1, motion, length, growth, limits)
-    better = wp.max(n, chosen(n, share, 2.0, n, afforded(n, s.control.since[b], limits), limits.error))
+    better = wp.max(n, chosen(n, share, 2.0, growth, n, afforded(n, s.control.since[b], limits), limits.error))
     take_substeps(t, block, given[w], b, n, better, 1)
     if t == 0:
         share = wp.max(share, share_of(known[0], known[1], n, 1, motion, length, growth, limits))
@@ -297,7 +300,7 @@ def control(
     share = share_of(error, order, n, second, motion, length, growth, limits)
     pays = afforded(n, s.control.since[b], limits)
     least = wp.where(is_all_redone(s.control.since[b], limits), pays, wp.min(limits.least, pays))
-    better = chosen(n, share, order, least, pays, limits.error)
+    better = chosen(n, share, order, growth, least, pays, limits.error)
     if t == 0:
         # Watched frames since the last measurement were added before.
         grown = known[2] + share * wp.where(watched > 0, length, elapsed) / WINDOW

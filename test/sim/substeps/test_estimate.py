@@ -9,7 +9,6 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
-from cloth_sim_ros.sim.substeps.arrays import StepLimits
 from cloth_sim_ros.sim.substeps.control import chosen
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
@@ -136,17 +135,27 @@ def test_coupled_bodies_start_anew_as_at_first(device, worlds):
 
 
 @wp.kernel
-def choose_each(n: wp.array(dtype=int), order: wp.array(dtype=float), limits: StepLimits, found: wp.array(dtype=int)):
-    i = wp.tid()
-    found[i] = chosen(n[i], 1.0, order[i], limits.least, limits.most, limits.error)
+def choose_each(rows: wp.array(dtype=wp.vec4), growth: float, found: wp.array(dtype=int)):
+    n, share, order, error = int(rows[wp.tid()][0]), rows[wp.tid()][1], rows[wp.tid()][2], rows[wp.tid()][3]
+    found[wp.tid()] = chosen(n, share, order, growth, 4, 2000, error)
+
+
+def choices_of(rows, device, growth=1.0):
+    """What follows from rows of substeps, share, order and wanted error."""
+    given, found = wp.array(rows, dtype=wp.vec4, device=device), wp.zeros(len(rows), dtype=int, device=device)
+    wp.launch(choose_each, len(rows), inputs=[given, growth, found], device=device)
+    return found.numpy().tolist()
 
 
 def test_substeps_grow_by_what_they_buy(device):
     """The error is 100 times what is wanted. Below 16 substeps trials cannot tell the order."""
-    limits = StepLimits()
-    limits.least, limits.most, limits.error = 4, 2000, 0.01
-    n = wp.array([100, 100, 100, 100, 8], dtype=int, device=device)
-    order = wp.array([2.0, 1.0, 0.5, 0.0, 0.0], dtype=float, device=device)
-    found = wp.zeros(5, dtype=int, device=device)
-    wp.launch(choose_each, 5, inputs=[n, order, limits, found], device=device)
-    assert found.numpy().tolist() == [300, 300, 174, 125, 24]
+    cases = [(100, 2.0), (100, 1.0), (100, 0.5), (100, 0.0), (8, 0.0)]
+    assert choices_of([(n, 1.0, order, 0.01) for n, order in cases], device) == [300, 300, 174, 125, 24]
+
+
+def test_substeps_shrink_by_the_root_of_what_the_error_asks(device):
+    """A quarter of the error asks for half of the substeps in second order, and for a quarter in first."""
+    cases = [(100, 0.5, 2.0), (100, 0.25, 2.0), (100, 0.25, 1.0), (100, 0.9, 2.0), (5, 0.25, 1.0)]
+    rows = [(n, share, order, 1.0) for n, share, order in cases]
+    assert choices_of(rows, device) == [85, 71, 65, 100, 4]
+    assert choices_of(rows, device, growth=1.5) == [85, 80, 80, 100, 4]
