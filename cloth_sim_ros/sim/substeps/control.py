@@ -299,7 +299,10 @@ def control(
     motion = wp.max(way, past[1])
     share = share_of(error, order, n, second, motion, length, growth, limits)
     pays = afforded(n, s.control.since[b], limits)
-    least = wp.where(is_all_redone(s.control.since[b], limits), pays, wp.min(limits.least, pays))
+    # Substeps do not fall while frames are computed again, and rise if all of them were.
+    least = wp.min(wp.where(s.control.since[b][3] > 0, n, limits.least), pays)
+    if is_all_redone(s.control.since[b], limits):
+        least = pays
     better = chosen(n, share, order, growth, least, pays, limits.error)
     if t == 0:
         # Watched frames since the last measurement were added before.
