@@ -127,7 +127,7 @@ def test_coupled_bodies_start_anew_as_at_first(device, worlds):
     sheet = dataclasses.replace(SHEET, self_contact=True)
     sim = Simulation(Scene({"it": sheet}), Settings(error=1e-4, budget=50.0), device, worlds=2)
     sim.step(35)
-    assert sim.choices["it"].substeps > 2 * sim.choices["it"].least
+    assert sim.choices["it"].substeps > 1.5 * sim.choices["it"].least
     sim.reset(worlds)
     sim.step(6)
     fallen = sim.rest_positions("it")[0, 2] - sim.positions("it", 0)[:, 2].min()
