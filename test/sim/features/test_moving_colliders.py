@@ -67,7 +67,7 @@ def test_a_start_within_a_frame_lets_it_slip_little(device, fps, phase):
 def test_cloth_on_a_board_that_swings_does_not_slip(device, fps):
     rate = 3.0
     slips = slip(on_a_board(device, fps), fps, 1.0, way=lambda t: 0.95 * MOST / rate**2 * (1.0 - np.cos(rate * t)))
-    assert slips.max() < 1e-4
+    assert slips.max() < 2e-4
 
 
 @pytest.mark.parametrize("fps", [30, 60])
