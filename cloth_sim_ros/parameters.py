@@ -98,6 +98,14 @@ SOLVER = (
         1,
     ),
     number("budget", 0.5, "Share of real time that the substeps chosen for all objects may take.", "", 1e-3, 1e4),
+    number(
+        "speed",
+        0,
+        "Speed of the device for solver.budget, of 1 for the core that prices are of; 0 is measured once a machine.",
+        "",
+        0,
+        1e3,
+    ),
     Parameter(
         "sleep", "bool", True, "Whether an object at rest is not computed until something around it changes.", live=True
     ),

@@ -41,6 +41,7 @@ from cloth_sim_ros.sim.substeps import choose as choosing
 from cloth_sim_ros.sim.substeps import prices
 from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
+from cloth_sim_ros.sim.substeps.speed import with_speed
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
 from cloth_sim_ros.sim.topology.elements import Constraints, Stitches
@@ -67,9 +68,10 @@ class Bodies:
             raise ValueError(f"worlds is {worlds!r}; allowed is a whole number from 1 to {_MOST_WORLDS}")
         if executor not in (None, *EXECUTORS):
             raise ValueError(f"executor is {executor!r}; allowed is {' or '.join(EXECUTORS)}, or None to choose")
-        self.scene, self.settings, self.worlds, self.builds = scene, settings, worlds, 0
+        self.scene, self.worlds, self.builds = scene, worlds, 0
         self._executor = executor
         self.warp_device = find_device(device)
+        self.settings = with_speed(settings, self.warp_device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
         rows = len(scene.colliders) + scene.spare_colliders
         self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
@@ -202,7 +204,7 @@ class Bodies:
 
     def change_setting(self, name: str, value: Any) -> None:
         """Change a live setting of the solver."""
-        self.settings = replace(self.settings, **{name: value})
+        self.settings = with_speed(replace(self.settings, **{name: value}), self.warp_device)
 
     def start_elsewhere(self, name: str, motion: Motion) -> None:
         """Let an object start displaced by this motion from its place in the scene."""

@@ -23,6 +23,7 @@ class Settings:
     iterations: int = 0
     error: float = 1e-2
     budget: float = 0.5
+    speed: float = 0.0
     sleep: bool = True
     global_damping: float = 0.0
 

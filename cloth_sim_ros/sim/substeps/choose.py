@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choose the order and iterations of each object, and the bounds within which its substeps follow from measured errors.
 
-The choice depends only on the scene, never on a clock. So the same scene is always computed in the same way.
+The choice depends only on the scene and on the speed of the device, which is measured once. So a machine computes the
+same scene always in the same way.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from functools import partial
 
 import numpy as np
 
-from cloth_sim_ros.sim.lines.membrane import WHOLE
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
 from cloth_sim_ros.sim.substeps.prices import Surroundings
@@ -123,7 +123,8 @@ def _xpbd(
 ) -> Choice:
     """Choose XPBD, with bounds of its substeps; limit: substeps that leapfrog needs without dashpots."""
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
-    price, fewest = iterations * prices.xpbd(topology, materials, around), _fewest(topology, around.coupled)
+    price = iterations * prices.xpbd(topology, materials, around) / settings.speed
+    fewest = _fewest(topology, around.coupled)
     most = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
@@ -131,7 +132,8 @@ def _xpbd(
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
     static = _static(settings, topology, materials, stiff, around) / iterations
-    whole = _whole(topology) * stiff / iterations
+    steady = _steady(topology) * stiff / iterations
+    most = max(most, math.ceil(steady))
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static))
     least = min(needed, most)
@@ -148,9 +150,9 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    test = prices.test(around) / price
+    test = prices.test(around) / settings.speed / price
     if test > 0.0:
-        fewest = min(least, math.ceil(max(fewest, smooth, bending, whole)))
+        fewest = min(least, math.ceil(max(fewest, smooth, bending, steady)))
     else:
         fewest = least
     bounds = (substeps, iterations, settings.error, reason, least, most)
@@ -169,13 +171,13 @@ def _static(
     The lines of a grid meet at angles, and each undoes a little of the others. Those of a mesh have kinks: the solve of
     each straightens them, until others bend them back. The excess of the strain is _LOST (limit / substeps)^2 in a
     mesh, and about 0.1 (limit / (4 substeps))^1.35 in a grid. At most _EXCESS times solver.error is allowed. Strains
-    below _SEEN count less, as nobody sees them. Of a membrane, a part of the coupling acts with too few substeps.
+    below _SEEN count less, as nobody sees them.
     """
     if xpbd_is_direct(topology) or not math.isfinite(limit):
         return 0.0
     excess = min(1.0, _EXCESS * settings.error)
     if topology.coupling is not None:
-        return max(_COUPLED * math.sqrt(_LOST / excess), _whole(topology)) * limit
+        return _steady(topology) / math.sqrt(excess) * limit
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
     seen = min(1.0, strain / _SEEN)
     if _is_mesh(topology):
@@ -183,9 +185,12 @@ def _static(
     return 0.25 * (0.1 / excess * seen) ** (1.0 / 1.35) * limit
 
 
-def _whole(topology: Topology) -> float:
-    """Substeps over those of leapfrog times the effective step, with which the coupling of a membrane acts whole."""
-    return limits.LEAPFROG / math.sqrt(WHOLE) if topology.coupling is not None else 0.0
+def _steady(topology: Topology) -> float:
+    """Substeps over those of leapfrog times the effective step, with which a membrane's excess of strain is the strain.
+
+    With fewer, nearly every frame gains energy and is computed again, which costs more.
+    """
+    return _COUPLED * math.sqrt(_LOST) if topology.coupling is not None else 0.0
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:

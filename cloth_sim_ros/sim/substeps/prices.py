@@ -20,7 +20,7 @@ _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
 # Cost of a particle of a rope, more if it resists bending, and more where there are colliders, once for particles and
 # once for segments [ms].
 _SEGMENT, _BEND, _LEAN = 85.0 * _NS, 60.0 * _NS, 80.0 * _NS
-_TEST = 200.0 * _NS  # cost of a test whether a box can touch a facet [ms]
+_TEST = 90.0 * _NS  # cost of a test whether a box can touch a facet [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
 # stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The speed of a device beside that on which prices.py was measured: timed once, and kept beside Warp's kernels.
+
+So the budget means the same share of real time on every machine, and a second start computes the same bits.
+"""
+
+import functools
+import json
+import math
+import os
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from cloth_sim_ros import parameters as table
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.scene.settings import Settings
+
+VARIABLE = "CLOTH_SIM_SPEED"  # environment variable whose value is taken instead
+_FILE = "cloth_sim_ros_speeds.json"  # device name -> speed
+_PARTICLES, _SWEEPS, _RUNS = 1024, 40, 40
+_REFERENCE = {"cpu": 4.0e-4, "cuda": 1.2e-2}  # time of _SWEEPS by a thread where the speed is 1 [s]
+_STEPS = 2  # measured speeds are rounded to so many values between one and its double
+
+
+@compiled
+def sweep_chain(chain: wp.array(dtype=wp.vec4), sweeps: int):
+    """Move the particles of a chain to a distance of 1 from their neighbours, one after another."""
+    for _ in range(sweeps):
+        for i in range(1, chain.shape[0]):
+            apart = chain[i] - chain[i - 1]
+            chain[i] -= (0.5 - 0.5 / wp.length(apart)) * apart
+
+
+def with_speed(settings: Settings, device: wp.Device) -> Settings:
+    """Settings whose speed is a number: if it is 0, that of VARIABLE, else the measured one. Raises ValueError."""
+    if settings.speed > 0.0:
+        return settings
+    given = os.environ.get(VARIABLE)
+    if given is None:
+        return replace(settings, speed=_kept(device.alias))
+    try:
+        speed = table.check(table.row(table.SOLVER, "speed"), float(given), VARIABLE)
+    except ValueError:
+        speed = 0.0
+    if speed <= 0.0:
+        raise ValueError(f"{VARIABLE} is {given!r}; allowed is a number above 0")
+    return replace(settings, speed=speed)
+
+
+@functools.cache
+def _kept(alias: str) -> float:
+    """Speed of the device of this alias as the file keeps it; measured if it does not."""
+    device, path, known = wp.get_device(alias), Path(wp.config.kernel_cache_dir) / _FILE, {}
+    with suppress(OSError, TypeError, ValueError):
+        known = dict(json.loads(path.read_text()))
+    speed = known.get(device.name)
+    if isinstance(speed, float) and math.isfinite(speed) and speed > 0.0:
+        return speed
+    known[device.name] = _measured(device)
+    with suppress(OSError):  # else it is measured anew at the next start
+        part = path.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps(known))
+        part.replace(path)
+    return known[device.name]
+
+
+def _measured(device: wp.Device) -> float:
+    """Measure the speed of a device, and round it coarsely."""
+    rows = np.zeros((_PARTICLES, 4), np.float32)
+    rows[:, 0] = 1.5 * np.arange(_PARTICLES)
+    chain, seconds = wp.array(rows, dtype=wp.vec4, device=device), math.inf
+    for _ in range(_RUNS):
+        wp.synchronize_device(device)
+        begin = time.perf_counter()
+        wp.launch(sweep_chain, 1, inputs=[chain, _SWEEPS], device=device)
+        wp.synchronize_device(device)
+        seconds = min(seconds, time.perf_counter() - begin)
+    return 2.0 ** (round(_STEPS * math.log2(_REFERENCE["cpu" if device.is_cpu else "cuda"] / seconds)) / _STEPS)
