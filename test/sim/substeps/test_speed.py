@@ -61,6 +61,19 @@ def test_the_speed_that_is_set_counts_before_any_other(cache, monkeypatch):
     assert sim.settings.speed == 0.5
 
 
+def test_a_saved_state_keeps_the_speed(monkeypatch, tmp_path):
+    sims = []
+    for text in ("0.5", "2"):
+        monkeypatch.setenv(speed.VARIABLE, text)
+        sims.append(towel())
+    sims[0].save(tmp_path / "state")
+    sims[1].load(tmp_path / "state")
+    assert sims[1].settings.speed == 0.5
+    for sim in sims:
+        sim.set("solver.budget", 0.05)
+    assert sims[0].choices["it"].most == sims[1].choices["it"].most
+
+
 @pytest.mark.parametrize("text", ["fast", "0", "-1", "nan", "inf"])
 def test_a_wrong_variable_is_named(monkeypatch, text):
     monkeypatch.setenv(speed.VARIABLE, text)
