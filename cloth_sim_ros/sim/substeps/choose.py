@@ -125,15 +125,15 @@ def _xpbd(
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     price = iterations * prices.xpbd(topology, materials, around) / settings.speed
     fewest = _fewest(topology, around.coupled)
-    most = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
+    paid = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
-    order = settings.order or (1 if most < smooth else 2)
+    order = settings.order or (1 if paid < smooth else 2)
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
     static = _static(settings, topology, materials, stiff, around) / iterations
-    steady = _steady(topology) * stiff / iterations
-    most = max(most, math.ceil(steady))
+    steady = _steady(topology, stiff) / iterations
+    most = max(paid, min(math.ceil(steady), _MOST))
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static))
     least = min(needed, most)
@@ -145,6 +145,8 @@ def _xpbd(
         reason += f" in {substeps} x {iterations}"
     else:
         reason += f" in {least} to {most} substeps, as its measured error asks"
+        if most > paid:
+            reason += f"; the budget pays {paid}, with which its frames would gain energy"
     if least < static:
         reason += f"; it would take {math.ceil(static)} substeps to be as stiff as it is set"
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
@@ -177,7 +179,7 @@ def _static(
         return 0.0
     excess = min(1.0, _EXCESS * settings.error)
     if topology.coupling is not None:
-        return _steady(topology) / math.sqrt(excess) * limit
+        return _steady(topology, limit) / math.sqrt(excess)
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
     seen = min(1.0, strain / _SEEN)
     if _is_mesh(topology):
@@ -185,12 +187,12 @@ def _static(
     return 0.25 * (0.1 / excess * seen) ** (1.0 / 1.35) * limit
 
 
-def _steady(topology: Topology) -> float:
-    """Substeps over those of leapfrog times the effective step, with which a membrane's excess of strain is the strain.
+def _steady(topology: Topology, limit: float) -> float:
+    """Substeps, likewise, with which a membrane's excess of strain is as large as the strain.
 
     With fewer, nearly every frame gains energy and is computed again, which costs more.
     """
-    return _COUPLED * math.sqrt(_LOST) if topology.coupling is not None else 0.0
+    return _COUPLED * math.sqrt(_LOST) * limit if topology.coupling is not None and math.isfinite(limit) else 0.0
 
 
 def _fewest(topology: Topology, coupled: bool) -> int:

@@ -100,6 +100,15 @@ def test_a_budget_that_pays_for_contact_too_keeps_the_substeps():
     assert min(substeps_taken(sim)) >= sim.choices["it"].least
 
 
+def test_a_membrane_keeps_the_substeps_below_which_its_frames_gain_energy():
+    """With the six substeps that the budget pays, two frames of three are computed again."""
+    fabric = Scene({"it": sheet(pins=[0, SIDE - 1])})
+    sim = Simulation(fabric, Settings(budget=1e-3), device="cpu")
+    sim.step(40)
+    assert "the budget pays 6, with which its frames would gain energy" in sim.choices["it"].reason
+    assert sim.report()["it"]["redone"] <= 2
+
+
 @pytest.mark.parametrize("substeps", [8, 40])
 def test_substeps_that_are_set_are_kept(substeps):
     assert set(substeps_taken(on_a_box(substeps=substeps, budget=1e-3))) == {substeps}
