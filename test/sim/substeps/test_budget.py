@@ -11,12 +11,12 @@ SIDE = 16
 FRAMES = 30
 
 
-def sheet(**more):
-    """A mesh of cotton of 0.3 m, 6 mm above a small box's top."""
+def sheet(fabric="jersey", **more):
+    """A mesh of 0.3 m, 6 mm above a small box's top."""
     x, y = (grid.ravel() for grid in np.meshgrid(*[np.linspace(-0.15, 0.15, SIDE)] * 2))
     index = np.arange(SIDE * SIDE).reshape(SIDE, SIDE)
     a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
-    return Cloth.from_mesh(np.c_[x, y, 0 * x], np.r_[np.c_[a, b, c], np.c_[a, c, d]], "cotton", bending="none", **more)
+    return Cloth.from_mesh(np.c_[x, y, 0 * x], np.r_[np.c_[a, b, c], np.c_[a, c, d]], fabric, bending="none", **more)
 
 
 BOX = Box(half_extents=(0.05, 0.05, 0.05), position=(0.0, 0.0, 0.05))
@@ -150,7 +150,7 @@ def test_what_sleeps_in_contact_does_not_wake_with_more_than_the_budget_pays():
 
 def hung(**settings):
     """A sheet in order 1, of which nearly every frame is computed again in as many substeps as its budget pays."""
-    scene = Scene(objects={"it": sheet(pins=[0, SIDE - 1])})
+    scene = Scene(objects={"it": sheet("cotton", pins=[0, SIDE - 1])})
     return Simulation(scene, Settings(order=1, error=1e-5, budget=0.1, **settings), device="cpu")
 
 
