@@ -41,7 +41,7 @@ NEWTON_STEPS = wp.constant(8)
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
 # Cost of a Newton step for a particle, in tests of facets for contact (see prices.py).
-TESTS = wp.constant(0.75)
+TESTS = wp.constant(4.0)
 
 # Smallest compliance of a rigid segment along it, in the matrix, as a fraction of that of a rope's whole mass.
 STIFFEST = wp.constant(1.0e-4)
