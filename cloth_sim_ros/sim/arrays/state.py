@@ -200,6 +200,12 @@ def substeps_of(control: ControlState, limits: StepLimits, b: int) -> int:
 
 
 @wp.func
+def rests(control: ControlState, frame: Frame, b: int) -> bool:
+    """True if body b is not computed in this frame: it is at rest, and nothing around it moves or was changed."""
+    return control.asleep[b] > 0 and frame.moves == 0 and frame.wakes == 0
+
+
+@wp.func
 def substep_length(frame: Frame, control: ControlState, limits: StepLimits, b: int) -> float:
     """Length of a substep of body b in this frame [s]."""
     return frame.length / float(substeps_of(control, limits, b))

@@ -2,7 +2,7 @@
 """One launch a frame: a block (on the CPU, one thread) keeps a body of a world and runs all its substeps.
 
 On a GPU positions and displacements stay in the block's shared memory for the whole frame. This limits a body to
-`capacity(device, features)` particles; on the CPU there is no limit. Blocks of different bodies never wait for one
+`capacity(device)` particles; on the CPU there is no limit. Blocks of different bodies never wait for one
 another. A large body may have several blocks, which wait for one another and use plain arrays.
 """
 
@@ -12,7 +12,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
+from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type, rests
 from cloth_sim_ros.sim.executors.shared_history import copy_history, scratch_at, with_history_at
 from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_block, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -35,7 +35,7 @@ _LEAST, _MOST = 64, 512  # threads of each of several blocks of a body; contact 
 RESERVED = 2048  # bytes of a block's shared memory that Warp and the driver keep
 
 
-def capacity(device: wp.Device, features: Features) -> int:
+def capacity(device: wp.Device) -> int:
     """Return the largest number of particles of a body that one block can hold."""
     if device.is_cpu:
         return 1 << 30
@@ -59,7 +59,7 @@ class Block:
         bodies = len(worlds) * worlds[0].model.bodies.shape[0]
         inputs, threads = [gathered(worlds, device)], bodies * block
         if blocks == 1:
-            fits = not device.is_cpu and largest <= capacity(device, features)
+            fits = not device.is_cpu and largest <= capacity(device)
             kernel = make_frame(features, _room_for(features, largest) if fits else 0, block, shared_memory(device))
         else:
             kernel, group = (
@@ -128,7 +128,7 @@ def make_frame(features: Features, shared: int, block: int, most_shared: int = 0
             if home.state.trial.rejected[home.body.index] == 0:
                 return
         if wp.static(features.measured):
-            if is_asleep(home):
+            if rests(home.state.control, home.frame, home.body.index):
                 return
         mode = flush_denormals()
         ctx = load(t, home)
@@ -161,18 +161,12 @@ def make_spread_frame(features: Features, block: int):
                 if ctx.state.trial.rejected[ctx.body.index] == 0:
                     continue
             if wp.static(features.measured):
-                if is_asleep(ctx):
+                if rests(ctx.state.control, ctx.frame, ctx.body.index):
                     continue
             simulate(t, group.width, ctx)
             end(t, group.width, ctx)
 
     return simulate_frame
-
-
-@wp.func
-def is_asleep(ctx: Context) -> bool:
-    """True if the body is at rest, and nothing around it moves or was changed."""
-    return ctx.state.control.asleep[ctx.body.index] > 0 and ctx.frame.moves == 0 and ctx.frame.wakes == 0
 
 
 def make_home(features: Features):

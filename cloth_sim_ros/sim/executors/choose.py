@@ -26,7 +26,7 @@ def make_executor(
 
     counts: number of particles of each body. Raises ValueError if a body does not fit the one block of "block".
     """
-    largest, limit = max(counts), capacity(device, features)
+    largest, limit = max(counts), capacity(device)
     if name == "block" and largest > limit:
         raise ValueError(
             f"executor is 'block' for a body of {largest} particles; allowed are up to {limit} on {device.alias}"
@@ -65,6 +65,6 @@ def _in_blocks(features: Features, worlds: list[Arrays], counts: list[int], alon
     if device.is_cuda and not features.chain and not alone:
         several = blocks_for(largest, bodies, device)
         many = several[0] >= _MANY and features.method == "xpbd"
-        if many or largest > min(_ALONE, capacity(device, features)):
+        if many or largest > min(_ALONE, capacity(device)):
             blocks, block = several
     return Block(features, worlds, device, largest, blocks, block)

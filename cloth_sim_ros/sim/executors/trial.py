@@ -126,7 +126,7 @@ class Trial:
         self.explicit, self._make_safe = explicit, make_safe
         self._device = worlds[0].state.positions.device
         self._given = wp.array(worlds, dtype=Arrays, device=self._device)
-        self._worlds, self._counts = len(worlds), counts
+        self._worlds = len(worlds)
         self._any = wp.zeros(1, dtype=int, device=self._device)
         self._safe = None  # on a CPU it is compiled when it is needed, or earlier by `make_ready`
         self._lock = threading.Lock()

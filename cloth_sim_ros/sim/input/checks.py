@@ -77,10 +77,10 @@ def _ndim(value: Any) -> int:
         return -1
 
 
-def finite_array(value: Any, columns: int, name: str, dtype: type = np.float64, least: int = 1) -> np.ndarray:
+def finite_array(value: Any, columns: int, name: str, least: int = 1) -> np.ndarray:
     """`value` as a new (N, columns) array of finite numbers, N at least `least`. Raises ValueError."""
     try:
-        array = np.array(value, dtype=dtype)
+        array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.zeros(0)
     if array.ndim != 2 or array.shape[1] != columns or len(array) < least:

@@ -13,16 +13,6 @@ import warp as wp
 MOST_BENDING = 0.6
 
 
-@wp.func
-def plate_force(rigidity: float, weight: float, difference: wp.vec3, slip: wp.vec3, damping: float) -> wp.vec3:
-    """The force [N] on particle i from neighbour j: -B w_ij (x_j - x_i + tau (v_j - v_i)).
-
-    rigidity B [N m], weight w_ij [1/m^2] of `Plate.weights`, difference x_j - x_i [m], slip v_j - v_i [m/s], damping
-    tau [s]. Along the diagonal of the operator, -B w_ij is the stiffness [N/m] between the two.
-    """
-    return -rigidity * weight * (difference + damping * slip)
-
-
 @wp.struct
 class RestCurvature:
     """Effect of a curved rest shape on a triangle for B = 1: forces [1/m] along its unit normal.

@@ -16,6 +16,8 @@ Between these frames the last substep of each tells how a sudden event changes i
 Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it.
 """
 
+from typing import Any
+
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, State, substeps_of
@@ -108,7 +110,7 @@ def apart(g: int, row: int, s: State, high: wp.array2d(dtype=wp.vec3), lo: wp.ar
 
 
 @wp.func
-def total(part: float) -> float:
+def total(part: Any):
     """Sum over the threads of a block, the same in all of them."""
     return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
 

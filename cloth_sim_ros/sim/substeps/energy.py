@@ -11,7 +11,7 @@ of a membrane, whose forces are linear in all elongations.
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substeps_of
+from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, rests, substeps_of
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of, sweep_collider
 from cloth_sim_ros.sim.features.plate.bending import around, curve_moment, rigidity_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row,
 from cloth_sim_ros.sim.lines.membrane import coupled_length
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.physics.plate import rest_curvature
-from cloth_sim_ros.sim.substeps.control import resample_all
+from cloth_sim_ros.sim.substeps.control import resample_all, total
 
 FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards the energy in a frame
 FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
@@ -38,12 +38,6 @@ class Energies:
     elastic: wp.float64
     weight: wp.float64
     work: wp.float64
-
-
-@wp.func
-def total(part: wp.float64) -> wp.float64:
-    """Sum over the threads of a block, the same in all of them."""
-    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]
 
 
 @wp.func
@@ -168,13 +162,6 @@ def is_elastic(a: Arrays, b: int, families: wp.array(dtype=wp.vec4i)) -> bool:
 
 
 @wp.func
-def rests(a: Arrays, b: int) -> bool:
-    """True if body b is not computed in this frame, as it is at rest."""
-    frame = a.frames[0]
-    return a.state.control.asleep[b] > 0 and frame.moves == 0 and frame.wakes == 0
-
-
-@wp.func
 def least_scale(a: Arrays, b: int) -> wp.float64:
     """Least energy [J] by which gains are judged."""
     fall = OF_FALL * wp.length(a.frames[0].gravity) * a.limits[b].size + 0.5 * SLOW * SLOW
@@ -185,7 +172,8 @@ def least_scale(a: Arrays, b: int) -> wp.float64:
 @wp.func
 def is_known(a: Arrays, b: int) -> bool:
     """True if nothing was changed since the energy of body b was found last, or if it rests."""
-    return rests(a, b) or (a.state.control.ledgers[b][1] > wp.float64(0.0) and a.frames[0].wakes == 0)
+    known = a.state.control.ledgers[b][1] > wp.float64(0.0) and a.frames[0].wakes == 0
+    return known or rests(a.state.control, a.frames[0], b)
 
 
 @compiled
@@ -204,7 +192,7 @@ def find_energies(
     q, t = wp.tid() / block, wp.tid() % block
     k = q / blocks
     w, b = k / bodies, k % bodies
-    if rests(given[w], b) or (opens > 0 and is_known(given[w], b)):
+    if rests(given[w].state.control, given[w].frames[0], b) or (opens > 0 and is_known(given[w], b)):
         return
     first, width = (q % blocks) * block + t, blocks * block
     part = part_of(first, width, given[w], b, families, second)
@@ -247,7 +235,7 @@ def judge_frames(
     k = wp.tid()
     bodies = given[0].limits.shape[0]
     a, b = given[k / bodies], k % bodies
-    if rests(a, b):
+    if rests(a.state.control, a.frames[0], b):
         return
     e, ledger = summed(k, parts), a.state.control.ledgers[b]
     scale = wp.max(ledger[1], wp.abs(e.weight - ledger[3]))

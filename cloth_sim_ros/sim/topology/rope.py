@@ -112,15 +112,14 @@ def across(tangent: np.ndarray) -> np.ndarray:
     return found / np.linalg.norm(found)
 
 
-def rest_turns(points: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
+def rest_turns(points: np.ndarray) -> np.ndarray:
     """Turns (N - 2, 2) [-] of the joints of a rope through points (N, 3), along two directors at each.
 
-    The first director is `first` (3,) across the first segment, or `across` of it, carried along without twist. It and
-    the tangent make the second.
+    The first director is `across` the first segment, carried along without twist. It and the tangent make the second.
     """
     edges = np.diff(points, axis=0)
     tangents = edges / np.linalg.norm(edges, axis=1)[:, None]
-    carried = directors(tangents, across(tangents[0]) if first is None else first)
+    carried = directors(tangents, across(tangents[0]))
     one, along = carried[:-1] + carried[1:], tangents[:-1] + tangents[1:]
     one, along = (rows / np.linalg.norm(rows, axis=1)[:, None] for rows in (one, along))
     turn = np.diff(tangents, axis=0)

@@ -10,9 +10,10 @@ SWEPT = 64  # substeps for which one stage computes the motion of colliders ahea
 EXTENT = 8  # numbers a body: lower and upper corner, largest squared speed, and 1 if a collider is not listed
 
 
+@wp.func
 def words_of(colliders: int) -> int:
     """Return the number of words that hold a bit for each of `colliders`."""
-    return -(-colliders // WORD)
+    return (colliders + wp.static(WORD - 1)) // wp.static(WORD)
 
 
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.

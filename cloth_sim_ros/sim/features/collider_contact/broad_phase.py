@@ -14,7 +14,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD
+from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD, words_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.path import longest
 
@@ -45,12 +45,6 @@ class Near:
 
 
 @wp.func
-def words_for(colliders: int) -> int:
-    """Return the number of words for so many colliders, in a kernel."""
-    return (colliders + wp.static(WORD - 1)) / wp.static(WORD)
-
-
-@wp.func
 def moved_of(c: ColliderMotion, share: float) -> wp.vec2:
     """Return bounds of the distance [m] and the angle [rad] that a collider moves in a share of the frame."""
     q0 = c.start_orientation
@@ -68,7 +62,7 @@ def make_near_of(listed: bool):
         near = Near()
         if wp.static(listed):
             near.words = ctx.state.contact.near
-            near.count = words_for(ctx.colliders.shape[0])
+            near.count = words_of(ctx.colliders.shape[0])
             near.first = ctx.body.index * near.count
             near.bits = near.words[near.first]
             near.some = ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
@@ -80,18 +74,6 @@ def make_near_of(listed: bool):
         return near
 
     return near_of
-
-
-@wp.func
-def everything(words: wp.array(dtype=wp.uint64), body: int, colliders: int) -> Near:
-    """Return the Near of a body without a valid list: every particle strays."""
-    near = Near()
-    near.words = words
-    near.count = words_for(colliders)
-    near.first = body * near.count
-    near.some = True
-    near.half = wp.vec3(-1.0)
-    return near
 
 
 @wp.func
@@ -191,7 +173,7 @@ def measure_extent(t: int, width: int, ctx: Context):
             wp.atomic_max(ctx.state.contact.extents, first + 3 + k, high[k])
     if square > ctx.state.contact.extents[first + 6]:
         wp.atomic_max(ctx.state.contact.extents, first + 6, square)
-    words = words_for(ctx.colliders.shape[0])
+    words = words_of(ctx.colliders.shape[0])
     for q in range(t, words, width):
         ctx.state.contact.near[ctx.body.index * words + q] = wp.uint64(0)
 
@@ -209,7 +191,7 @@ def list_colliders(t: int, width: int, ctx: Context):
     margin = 1.5 * ctx.frame.dt * substeps * wp.sqrt(ctx.state.contact.extents[first + 6]) + 0.05 * wp.length(high - lo)
     near = Near()
     near.words = ctx.state.contact.near
-    near.count = words_for(ctx.colliders.shape[0])
+    near.count = words_of(ctx.colliders.shape[0])
     near.first = ctx.body.index * near.count
     near.middle = 0.5 * (lo + high)
     near.margin = margin

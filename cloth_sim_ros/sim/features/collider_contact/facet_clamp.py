@@ -24,6 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet import (
     make_least,
 )
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
+    corner_in,
     corners_of,
     facet_of,
     is_stray,
@@ -161,8 +162,7 @@ def make_give_up_way(features: Features):
         colliders, most, of = ctx.colliders.shape[0], float(0.0), int(0)
         for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
             q = ctx.model.particle_panels[place]
-            corners = corners_of(q, ctx)
-            corner = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+            corner = corner_in(q, i, ctx)
             for c in range(colliders):
                 press = ctx.state.contact.presses[q * colliders + c]
                 if press.stopped == ctx.substep and press.stops[corner] > most:

@@ -36,6 +36,13 @@ def corners_of(k: int, ctx: Context) -> wp.vec3i:
 
 
 @wp.func
+def corner_in(q: int, i: int, ctx: Context) -> int:
+    """Return which corner of facet q particle i is."""
+    corners = ctx.model.panels[q]
+    return wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+
+
+@wp.func
 def is_close(corners: wp.vec3i, ctx: Context) -> bool:
     """Return True if a facet is tested in this substep, as its corners' own contact found."""
     first, close = ctx.body.particles, ctx.state.contact.close

@@ -138,7 +138,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
     pressed = wp.length(push.way)
     normal = push.way / wp.max(pressed, 1.0e-20)
     motion = push.motion / wp.max(push.pressed, 1.0e-20)
-    if push.pressed > 0.0 and wp.dot(moved - past, normal) > NOISE:
+    if wp.dot(moved - past, normal) > NOISE:
         hit = not met.carries and -wp.dot(past - motion, normal) > 0.5 * pressed
         kept = forgotten(past, moved, normal, hit)
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
@@ -225,7 +225,7 @@ def _make_turn_at(features: Features):
     return turn_at
 
 
-def _make_leave(features: Features):
+def make_leave(features: Features):
     """Return a Warp function that applies the colliders' result to particle i."""
 
     @wp.func
@@ -236,8 +236,9 @@ def _make_leave(features: Features):
             ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
         store4(ctx.d, i, pack(displacement, w))
         if wp.static(features.order == 2):
-            moved = displacement - xyz(load4(ctx.position_lo, i))
-            add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+            if push.pressed > 0.0:
+                moved = displacement - xyz(load4(ctx.position_lo, i))
+                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
 
     return leave
 
@@ -271,7 +272,7 @@ def make_touch(features: Features):
 
     It returns bits: CLOSE if a collider may come within `width` [m] in the substep, TOUCHED if one touched it.
     """
-    meet, leave = make_ccd(features.shapes), _make_leave(features)
+    meet, leave = make_ccd(features.shapes), make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
     turn_at, pushed_on = _make_turn_at(features), make_pushed(features)
     least, is_squeezed, has_touched = least_mass(features), make_is_squeezed(features), make_has_touched(features)

@@ -16,6 +16,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+from cloth_sim_ros.sim.features.collider_contact.facet_place import corner_in
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 
 _FACING = wp.constant(0.7)  # least cosine of the angle of a normal from the way to the opposite collider
@@ -165,13 +166,6 @@ def keeps_a_corner(corners: wp.vec3i, collider: ColliderMotion, ctx: Context) ->
         for k in range(3):
             held = held or ctx.state.contact.pinch_places[ctx.body.particles + corners[k]][3] != 0.0
     return held
-
-
-@wp.func
-def corner_in(q: int, i: int, ctx: Context) -> int:
-    """Return which corner of facet q particle i is."""
-    corners = ctx.model.panels[q]
-    return wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
 
 
 @wp.func

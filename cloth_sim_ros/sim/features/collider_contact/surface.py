@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet import (
 )
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
+    corner_in,
     corners_of,
     facet_of,
     is_close,
@@ -35,8 +36,8 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
     add_force,
-    forget,
     least_mass,
+    make_leave,
     make_pushed,
     make_touch,
     pace,
@@ -52,7 +53,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
-from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, xyz
+from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
 
 # Smallest divisor of a push beside a pinned or heavy corner, as a fraction of the largest inverse mass. No other corner
@@ -332,8 +333,7 @@ def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
     press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
     if press.when != ctx.substep:
         return wp.vec3(0.0)
-    corners = corners_of(q, ctx)
-    place = wp.where(corners[0] == i, 0, wp.where(corners[1] == i, 1, 2))
+    place = corner_in(q, i, ctx)
     return press.weights[place] * press.push + press.rubbed[place] * press.rub
 
 
@@ -357,14 +357,6 @@ def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
         share = share_in(q, i, c, ctx)
         normal += wp.length(share) * ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].normal
     return wp.normalize(normal)
-
-
-@wp.func
-def forgotten(i: int, displacement: wp.vec3, push: Push, w: float, met: Met, ctx: Context):
-    """Keep only the part of particle i's past that still holds after that push, see `forget`."""
-    if push.pressed > 0.0:
-        moved = displacement - xyz(load4(ctx.position_lo, i))
-        add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
 
 
 def _make_leaned(features: Features):
@@ -404,7 +396,7 @@ def _make_leaned(features: Features):
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
     least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
-    leans, leaned = features.leans, _make_leaned(features)
+    leave, leaned = make_leave(features), _make_leaned(features)
 
     @wp.func
     def give_way(i: int, met: Met, ctx: Context):
@@ -415,8 +407,8 @@ def make_yield(features: Features):
         touched, push, displacement = bool(False), leaned(i, w, met, ctx), xyz(packed)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
-            if wp.static(leans and features.order == 2):
-                forgotten(i, displacement, push, w, met, ctx)
+            if push.pressed > 0.0:
+                leave(i, displacement, push, met, ctx)
             return
         ctx.state.contact.pressed[met.slot] = MOVED
         ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
@@ -435,11 +427,7 @@ def make_yield(features: Features):
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
-            store4(ctx.d, i, pack(displacement, w))
-            if wp.static(leans):
-                ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
-            if wp.static(features.order == 2):
-                forgotten(i, displacement, push, w, met, ctx)
+            leave(i, displacement, push, met, ctx)
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)

@@ -114,7 +114,7 @@ def tests_of(a: Panel, b: Panel) -> int:
 
 
 @wp.func
-def way_of(members: Members, pairs: Pairs, surface: Surface, panel: Panel, number: int, time: float) -> Way:
+def way_of(members: Members, surface: Surface, panel: Panel, number: int, time: float) -> Way:
     """Return the path of a panel over `time` [s]."""
     way = Way()
     way.number = number

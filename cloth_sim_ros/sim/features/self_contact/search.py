@@ -107,7 +107,7 @@ def _enclose_ways(members: Members, pairs: Pairs, boxes: Boxes):
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
-    way = way_of(members, pairs, surface, panel, wp.tid() - w * panels, time_ahead(pairs, surface))
+    way = way_of(members, surface, panel, wp.tid() - w * panels, time_ahead(pairs, surface))
     margin = way.thickness + way.slack
     _wrap(wp.tid(), way, margin, pairs)
     pairs.ways[wp.tid()] = way
