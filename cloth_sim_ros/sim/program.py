@@ -41,7 +41,7 @@ from cloth_sim_ros.sim.features.motion import make_finish, make_predict
 from cloth_sim_ros.sim.features.plate.bending import damp, make_bend, make_curve_triangle
 from cloth_sim_ros.sim.features.stage import Stage, both, once, over_meeting, over_particles
 from cloth_sim_ros.sim.features.tearing.tear import followers, make_tear
-from cloth_sim_ros.sim.features.twist.twist import ask_for, make_find_twist, push_by_couples
+from cloth_sim_ros.sim.features.twist.twist import make_find_twist, push_by_couples
 from cloth_sim_ros.sim.features.winch.drum import make_turn
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, sync_warp
 from cloth_sim_ros.sim.lines.membrane import lengthen
@@ -75,14 +75,14 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     if features.shapes:
         before += _look_around(features)
     if features.winch:
-        before.append(Stage("winch", _make_winch(features)))
+        before.append(Stage("winch", once(make_turn(features.order))))
     if features.membrane:
         before.append(Stage("lengthen", lengthen))
     if features.panels:
         before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
     if features.twist:
-        before.append(Stage("twist", _make_twist(features)))
+        before.append(Stage("twist", once(make_find_twist(features.order, features.handles))))
         predict = both(predict, push_by_couples)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)
@@ -212,17 +212,6 @@ def _sweep(t: int, width: int, ctx: Context):
             ctx.state.contact.sweeps[place] = sweep_collider(ctx.colliders[c], before, after)
 
 
-def _make_winch(features: Features):
-    turn = make_turn(features.order)
-
-    @wp.func
-    def winch(t: int, width: int, ctx: Context):
-        if t == 0:
-            turn(ctx, ctx.drive, ctx.frame.dt)
-
-    return winch
-
-
 def _make_curve(explicit: bool) -> Stage:
     curve_triangle = make_curve_triangle(explicit)
 
@@ -232,18 +221,6 @@ def _make_curve(explicit: bool) -> Stage:
             curve_triangle(c, ctx)
 
     return Stage("curve", curve)
-
-
-def _make_twist(features: Features):
-    find_twist = make_find_twist(features.order, features.handles)
-
-    @wp.func
-    def twist(t: int, width: int, ctx: Context):
-        if t == 0:
-            ask_for(ctx.turn, ctx.body.index, ctx.state)
-            find_twist(ctx)
-
-    return twist
 
 
 def _make_lines(features: Features, on_cpu: bool) -> Stage:

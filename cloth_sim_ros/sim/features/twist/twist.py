@@ -158,7 +158,8 @@ def make_find_twist(order: int, handles: bool):
     spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at, tangent_before)
 
     @wp.func
-    def find_twist(ctx: Context):
+    def find_twist(i: int, ctx: Context):
+        ctx.state.twist.twists[ctx.body.index].wanted = ctx.turn
         before = ctx.state.twist.twists[ctx.body.index]
         # Dashpots act in the material, if it is known how that turned since the last substep.
         follows = ctx.material.bend_damping > 0.0 and before.known == 1 and before.wanted == before.turned
@@ -176,11 +177,3 @@ def make_find_twist(order: int, handles: bool):
         ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, gamma, ctx)
 
     return find_twist
-
-
-@wp.func
-def ask_for(angle: float, b: int, s: State):
-    """Turn the end of body b by `angle` [rad] from now on."""
-    twist = s.twist.twists[b]
-    twist.wanted = angle
-    s.twist.twists[b] = twist

@@ -21,7 +21,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
-from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
+from cloth_sim_ros.sim.features.winch.arrays import WinchState
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
 from cloth_sim_ros.sim.physics.winch import next_rate
@@ -130,11 +130,12 @@ def _make_bear(order: int):
 
 
 def make_turn(order: int):
-    """Return a Warp function in which one thread turns a body's drum at the start of a substep of length h [s]."""
+    """Return a Warp function in which one thread turns a body's drum at the start of a substep."""
     swallow, bear = _make_swallow(order), _make_bear(order)
 
     @wp.func
-    def turn(ctx: Context, drive: Drive, h: float):
+    def turn(i: int, ctx: Context):
+        drive, h = ctx.drive, ctx.frame.dt
         winch = ctx.state.winch.winches[ctx.body.index]
         last = ctx.body.segments_end - ctx.body.segments - 1
         while (
