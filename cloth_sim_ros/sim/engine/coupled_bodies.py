@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.in_step import InStep
-from cloth_sim_ros.sim.executors.graph import Graph, Member
+from cloth_sim_ros.sim.executors.graph import Graph, Meeting, Member
 from cloth_sim_ros.sim.features.seams.sew import Sewing
-from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
-from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
+from cloth_sim_ros.sim.features.self_contact.ccd_clamp import ccd_clamp
+from cloth_sim_ros.sim.features.self_contact.early_out import early_out
 from cloth_sim_ros.sim.features.self_contact.search import Search
-from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
+from cloth_sim_ros.sim.features.self_contact.solve import contact_solve
 from cloth_sim_ros.sim.features.self_contact.surfaces import members_of
 from cloth_sim_ros.sim.kernels.cooperative import cooperative_group_of
 from cloth_sim_ros.sim.topology import Topology
@@ -31,25 +31,28 @@ class CoupledBodies:
         self._device = batches[0].device
         self._touching = [batch for batch in batches if batch.features.coupled]
         self._names = [name for batch in self._touching for name in batch.index]
+        self._search: Search | None = None
         meeting = self._meet(topologies, itself, among) if self._touching else None
-        self._search = meeting[1] if meeting else None
         stages = [Member(batch.features, batch.worlds, self._device) for batch in batches]
         graph = Graph(stages, meeting, self._sew(batches, topologies))
         for batch in batches:
             batch.executor = graph
         self.in_step = InStep(batches, graph)
 
-    def _meet(
-        self, topologies: Mapping[str, Topology], itself: Sequence[str], among: bool
-    ) -> tuple[EarlyOut, Search, ContactSolve, CcdClamp]:
+    def _meet(self, topologies: Mapping[str, Topology], itself: Sequence[str], among: bool) -> Meeting:
         """Contact between the objects that touch."""
         by_itself = [name in itself for name in self._names]
         each = {name: topologies[name] for name in self._names}
         members = members_of([batch.worlds for batch in self._touching], each, by_itself, among, self._device)
         group = cooperative_group_of(members.worlds, self._device)
-        search = Search(members, group, self._device)
-        solve, clamp = (kind(members, search.pairs, group, self._device) for kind in (ContactSolve, CcdClamp))
-        return EarlyOut(members, search.pairs, self._device), search, solve, clamp
+        self._search = Search(members, group, self._device)
+        pairs = self._search.pairs
+        velocities, clamp = ccd_clamp(members, pairs, group, self._device)
+        begin = [velocities, *early_out(members, pairs, self._device)]
+        solve = contact_solve(members, pairs, group, self._device)
+        return Meeting(
+            [pairs.sums.zero_, *(each.launch for each in begin)], self._search.look, solve.launch, clamp.launch
+        )
 
     def _sew(self, batches: Sequence[Batch], topologies: Mapping[str, Topology]) -> Sewing | None:
         """Seams of the objects that are sewn, if any is."""

@@ -10,6 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
+from cloth_sim_ros.sim.kernels.device import call_all
 from cloth_sim_ros.sim.substeps.energy import (
     Energies,
     begin_again,
@@ -48,8 +49,8 @@ class Ledger:
         self._saved, self._rejects = saved, wp.zeros(1, dtype=int, device=device)
         before = [saved.part(name) for name in ("positions", "velocities", "recoveries")]
 
-        def launch(kernel: wp.Kernel, *inputs, dim: int = bodies, **more) -> wp.Launch:
-            return wp.launch(kernel, dim, inputs=[given, *inputs], device=device, record_cmd=True, **more)
+        def launch(kernel: wp.Kernel, *inputs, dim: int = bodies, **more) -> Callable[[], None]:
+            return wp.launch(kernel, dim, inputs=[given, *inputs], device=device, record_cmd=True, **more).launch
 
         wide = {"dim": bodies * blocks * block, "block_dim": block}
         energies = [families, *before[:2]]
@@ -67,20 +68,15 @@ class Ledger:
 
     def open(self) -> None:
         """Find the energies at the start of a frame, before the state is saved."""
-        _run(self._open)
+        call_all(self._open)
 
     def judge(self, frame: Callable[[], None]) -> None:
         """Judge the frame that ended, and compute it again by `frame` as long as it is rejected."""
-        _run(self._judge)
+        call_all(self._judge)
         wp.capture_while(self._rejects, self._again, frame=frame)
 
     def _again(self, frame: Callable[[], None]) -> None:
         self._saved.restore()
-        self._begin_again.launch()
+        self._begin_again()
         frame()
-        _run([*self._judge, self._end_again])
-
-
-def _run(launches: Sequence[wp.Launch]) -> None:
-    for each in launches:
-        each.launch()
+        call_all([*self._judge, self._end_again])

@@ -6,9 +6,8 @@ of the compiled code.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Protocol
+from typing import NamedTuple
 
 import warp as wp
 
@@ -16,23 +15,30 @@ from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Arrays, gathered, given_type
 from cloth_sim_ros.sim.executors.block import blocks_for, make_home, threads_for
 from cloth_sim_ros.sim.features.seams.sew import Sewing
-from cloth_sim_ros.sim.features.self_contact.ccd_clamp import CcdClamp
-from cloth_sim_ros.sim.features.self_contact.early_out import EarlyOut
-from cloth_sim_ros.sim.features.self_contact.search import Search
-from cloth_sim_ros.sim.features.self_contact.solve import ContactSolve
 from cloth_sim_ros.sim.features.stage import in_sequence, wait_in_group
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative_groups_of, number_of
+from cloth_sim_ros.sim.kernels.device import call_all
 from cloth_sim_ros.sim.kernels.intrinsics import flush_denormals, restore_mode
 from cloth_sim_ros.sim.program import make_enter, make_program
 
 _KEPT = 8  # number of recorded frames, each for one pair of substeps and iterations
 
 
-class Launch(Protocol):
-    """An element of a frame."""
+Call = Callable[[], None]  # an element of a frame
 
-    def launch(self) -> None: ...
+
+class Meeting(NamedTuple):
+    """Contact between bodies as calls.
+
+    begin: those before a frame. look: finds parts that may touch, in a substep that ends, or that begins now. solve:
+    keeps them apart. clamp: lets none pass through another.
+    """
+
+    begin: Sequence[Call]
+    look: Callable[..., None]
+    solve: Call
+    clamp: Call
 
 
 class Member:
@@ -50,98 +56,81 @@ class Member:
         self._kernels = make_kernels(features, block)
         self._given = [gathered(worlds, device), bodies, group]
         self._dims = {"dim": group.teams * group.width, "block_dim": block, "device": device}
-        self._recorded: dict[tuple, wp.Launch] = {}
+        self._recorded: dict[tuple, Call] = {}
         for kernel in self._kernels.values():  # none may be loaded while a frame is captured
             kernel.module.load(device, block)
 
-    def run(self, part: str, substep: int, iteration: int = 0, last: int = 1) -> list[wp.Launch]:
-        """Return the launch of a part of the program, for all bodies in all worlds; none for a part without stages."""
+    def run(self, part: str, substep: int, iteration: int = 0, last: int = 1) -> list[Call]:
+        """Return what launches a part of the program, for all bodies in all worlds; none for a part without stages."""
         if part not in self._kernels:
             return []
         key = (part, substep, iteration, last)
         if key not in self._recorded:
             inputs = [*self._given, substep, iteration, last]
-            self._recorded[key] = wp.launch(self._kernels[part], inputs=inputs, record_cmd=True, **self._dims)
+            self._recorded[key] = wp.launch(self._kernels[part], inputs=inputs, record_cmd=True, **self._dims).launch
         return [self._recorded[key]]
 
 
 class Graph:
     """The launches of batches that advance together. `advance()` simulates a frame of every body in every world.
 
-    meeting: contact between bodies. EarlyOut tells if parts may touch at all, and Search finds them. ContactSolve keeps
-    them apart, and CcdClamp lets none pass through another. sewing: seams between bodies.
+    meeting: contact between bodies. sewing: seams between them.
     """
 
     def __init__(
         self,
         members: Sequence[Member],
-        meeting: tuple[EarlyOut, Search, ContactSolve, CcdClamp] | None = None,
+        meeting: Meeting | None = None,
         sewing: Sewing | None = None,
     ) -> None:
         self._members, self._meeting, self._sewing = members, meeting, sewing
-        self._frames: dict[tuple[int, int], list[Launch] | wp.Graph] = {}
+        self._frames: dict[tuple[int, int], list[Call]] = {}
 
     def advance(self, substeps: int, iterations: int) -> None:
         """Launch one frame; record it first for new numbers, as a CUDA graph on a GPU, and keep the last few."""
         settings = (substeps, iterations)
         if settings in self._frames:
-            _run(self._frames[settings])
+            call_all(self._frames[settings])
             return
         if len(self._frames) == _KEPT:
             self._frames.pop(next(iter(self._frames)))
         frame, device = self._launches(*settings), self._members[0].device
-        _run(frame)
+        call_all(frame)
         if device.is_cuda:  # a capture of a CPU would take what other threads launch meanwhile
             with wp.ScopedCapture(device=device) as capture:
-                _run(frame)
-            frame = capture.graph
+                call_all(frame)
+            frame = [partial(wp.capture_launch, capture.graph)]
         self._frames[settings] = frame
 
-    def _launches(self, substeps: int, iterations: int) -> list[Launch]:
-        frame: list[Launch] = []
+    def _launches(self, substeps: int, iterations: int) -> list[Call]:
+        frame: list[Call] = []
 
         def run(part: str, *numbers: int) -> None:
             for member in self._members:
                 frame.extend(member.run(part, *numbers))
 
         if self._meeting is not None:
-            early_out, search, solve, clamp = self._meeting
-            frame += [Call(clamp.begin), Call(early_out.begin), Call(partial(search.look, ends=False))]
+            frame += [*self._meeting.begin, partial(self._meeting.look, ends=False)]
         for substep in range(substeps):
             if self._sewing is not None:
-                frame.append(self._sewing.agree(substep))
+                frame.append(self._sewing.agree(substep).launch)
             run("before", substep)
             for iteration in range(iterations):
                 now = (substep, min(iteration, 1), int(iteration + 1 == iterations))
                 run("solved", *now)
                 if self._meeting is not None:
-                    frame.append(solve)
+                    frame.append(self._meeting.solve)
                 if self._sewing is not None:
-                    frame.append(self._sewing.sew(substep, iteration == 0, False))
+                    frame.append(self._sewing.sew(substep, iteration == 0, False).launch)
                 run("touched", *now)
             run("kept", substep, min(iterations - 1, 1))
             if self._sewing is not None:
-                frame.append(self._sewing.sew(substep, False, True))
+                frame.append(self._sewing.sew(substep, False, True).launch)
             if self._meeting is not None:
-                frame += [Call(partial(search.look, ends=True)), clamp]
+                frame += [partial(self._meeting.look, ends=True), self._meeting.clamp]
             run("after", substep, min(iterations - 1, 1))
         run("ending", substeps)
         return frame
-
-
-def _run(frame: Sequence[Launch] | wp.Graph) -> None:
-    if isinstance(frame, wp.Graph):
-        wp.capture_launch(frame)
-        return
-    for each in frame:
-        each.launch()
-
-
-@dataclass(frozen=True)
-class Call:
-    """A launch of several kernels."""
-
-    launch: Callable[[], None]
 
 
 @lru_cache

@@ -18,6 +18,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, State
 from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED
 from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.device import call_all
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 
 STRAINED = wp.constant(0.5)
@@ -140,16 +141,13 @@ class Trial:
             for b, spans in enumerate(lines)
             for _, first, end in spans
         ]
-        bodies = self._worlds * len(counts)
-        inputs = [self._given, starts, self._any]
-        self._judge = wp.launch(judge, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
-        inputs = [self._given]
-        self._remember = wp.launch(remember_strain, dim=bodies, inputs=inputs, device=self._device, record_cmd=True)
+        self._judge = self._launch(judge, len(counts), starts, self._any)
+        self._remember = self._launch(remember_strain, len(counts))
         self._restore = [self._launch(restore_start, count, starts, b, count) for b, count in enumerate(counts)]
 
-    def _launch(self, kernel: wp.Kernel, size: int, *more) -> wp.Launch:
+    def _launch(self, kernel: wp.Kernel, size: int, *more) -> Callable[[], None]:
         inputs = [self._given, *more]
-        return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True)
+        return wp.launch(kernel, dim=self._worlds * size, inputs=inputs, device=self._device, record_cmd=True).launch
 
     def make_ready(self) -> None:
         """Build and compile the executor of XPBD, in any thread, if that is not done yet."""
@@ -158,17 +156,17 @@ class Trial:
 
     def advance(self) -> None:
         """Simulate one frame, and repeat it where it is rejected."""
-        _run(self._before)
+        call_all(self._before)
         self.explicit()
-        _run([*self._measure, self._judge])
+        call_all([*self._measure, self._judge])
         wp.capture_if(self._any, on_true=self._redo)
 
     def _redo(self) -> None:
         self._any.zero_()
         self.make_ready()
-        _run(self._restore)
+        call_all(self._restore)
         self._safe.advance()
-        _run([*self._measure, self._remember])
+        call_all([*self._measure, self._remember])
 
 
 def _start_of(state: State) -> Start:
@@ -177,8 +175,3 @@ def _start_of(state: State) -> Start:
     for name in Start.vars:
         setattr(start, name, wp.empty_like(getattr(state, name)))
     return start
-
-
-def _run(launches: list[wp.Launch]) -> None:
-    for launch in launches:
-        launch.launch()

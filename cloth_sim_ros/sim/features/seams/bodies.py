@@ -13,6 +13,7 @@ from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
 from cloth_sim_ros.sim.features.seams.arrays import SeamState
 from cloth_sim_ros.sim.features.seams.ways import ways_of
 from cloth_sim_ros.sim.input.numbers import NumbersRow
+from cloth_sim_ros.sim.kernels.device import allocated
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 from cloth_sim_ros.sim.topology import Topology
 
@@ -108,9 +109,11 @@ def seams_of(
     batches: the arrays of each batch in all worlds. orders: of each batch. homes: name -> batch, and number of the body
     there. device: where arrays are allocated.
     """
-    seams, worlds = Seams(), len(batches[0])
-    bodies = [arrays[0].model.bodies.numpy() for arrays in batches]
+    worlds, bodies = len(batches[0]), [arrays[0].model.bodies.numpy() for arrays in batches]
     sizes = [arrays[0].state.positions.shape[0] for arrays in batches]
+    every = worlds * sum(sizes)
+    shapes = {"moves": 3 * every, "closing": worlds, "sharing": worlds}
+    seams = allocated(Seams, device, **shapes, **dict.fromkeys(("counts", "inverses", "starts"), every))
     stitches, used, numbers = [], [], [0] * len(batches)
     for name, (batch, body) in homes.items():
         for each in topologies[name].stitches:
@@ -136,12 +139,6 @@ def seams_of(
     _add_ways(seams, touched, batches, {home: topologies[name] for name, home in homes.items()}, device)
     seams.firsts = wp.array(np.cumsum([0, *sizes[:-1]]), dtype=int, device=device)
     seams.particles, seams.worlds = sum(sizes), worlds
-    seams.moves = wp.zeros(3 * worlds * seams.particles, dtype=wp.int64, device=device)
-    seams.counts = wp.zeros(worlds * seams.particles, dtype=int, device=device)
-    seams.closing = wp.zeros(worlds, dtype=int, device=device)
-    seams.sharing = wp.zeros(worlds, dtype=int, device=device)
-    seams.inverses = wp.zeros(worlds * seams.particles, dtype=wp.mat33, device=device)
-    seams.starts = wp.zeros(worlds * seams.particles, dtype=wp.vec3, device=device)
     return seams
 
 

@@ -9,6 +9,7 @@ uses a team of one thread.
 import warp as wp
 
 from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.device import allocated
 from cloth_sim_ros.sim.kernels.intrinsics import ballot, least_of_warp
 
 CLUSTER = 32  # panels
@@ -73,8 +74,5 @@ def surround(boxes: Boxes, panels: int, team: int):
 
 def boxes_of(worlds: int, panels: int, device: wp.Device) -> Boxes:
     """Allocate the boxes of `panels` panels in each of `worlds` worlds."""
-    boxes = Boxes()
-    for name in ("lows", "highs"):
-        setattr(boxes, name, wp.zeros(worlds * panels, dtype=wp.vec3, device=device))
-        setattr(boxes, f"around_{name}", wp.zeros(worlds * clusters_of(panels), dtype=wp.vec3, device=device))
-    return boxes
+    each, around = worlds * panels, worlds * clusters_of(panels)
+    return allocated(Boxes, device, lows=each, highs=each, around_lows=around, around_highs=around)

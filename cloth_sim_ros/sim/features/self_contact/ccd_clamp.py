@@ -170,19 +170,10 @@ def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup)
         sync_all(group)
 
 
-class CcdClamp:
-    """Launch that shortens displacements at the end of a substep."""
-
-    def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
-        inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
-        self._sums = pairs.sums
-        self._sum = wp.launch(_sum, total, inputs, device=device, record_cmd=True)
-        self._launch = recorded(_bound, *inputs, ROUNDS, group=group, device=device)
-
-    def begin(self) -> None:
-        """Sum all velocities before a frame."""
-        self._sums.zero_()
-        self._sum.launch()
-
-    def launch(self) -> None:
-        self._launch.launch()
+def ccd_clamp(
+    members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device
+) -> tuple[wp.Launch, wp.Launch]:
+    """The launch that sums all velocities before a frame, and the one that shortens displacements after a substep."""
+    inputs, total = [members, pairs], members.worlds * members.panels.shape[0]
+    velocities = wp.launch(_sum, total, inputs, device=device, record_cmd=True)
+    return velocities, recorded(_bound, *inputs, ROUNDS, group=group, device=device)

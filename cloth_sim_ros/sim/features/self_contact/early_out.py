@@ -98,20 +98,16 @@ def _empty(pairs: Pairs):
             pairs.clock[HOLDS] = 0
 
 
-class EarlyOut:
-    """Find out if a sheet of any world is folded. If bodies touch one another, all count as folded."""
+def early_out(members: Members, pairs: Pairs, device: wp.Device) -> list[wp.Launch]:
+    """The launches that find out before a frame if a sheet of any world is folded.
 
-    def __init__(self, members: Members, pairs: Pairs, device: wp.Device) -> None:
-        panels, worlds, bodies = members.panels.shape[0], members.worlds, members.bodies.shape[0]
-        self._begins = []
-        if members.flattens:
-            self._begins = [
-                wp.launch(_turn, worlds * bodies, [members, pairs], device=device, record_cmd=True),
-                wp.launch(_judge, worlds * panels, [members, pairs], device=device, record_cmd=True),
-                wp.launch(_empty, worlds, [pairs], device=device, record_cmd=True),
-            ]
-
-    def begin(self) -> None:
-        """Judge all sheets before a frame."""
-        for each in self._begins:
-            each.launch()
+    If bodies touch one another, all count as folded, and there is none.
+    """
+    if not members.flattens:
+        return []
+    panels, worlds, bodies = members.panels.shape[0], members.worlds, members.bodies.shape[0]
+    return [
+        wp.launch(_turn, worlds * bodies, [members, pairs], device=device, record_cmd=True),
+        wp.launch(_judge, worlds * panels, [members, pairs], device=device, record_cmd=True),
+        wp.launch(_empty, worlds, [pairs], device=device, record_cmd=True),
+    ]

@@ -46,6 +46,7 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, are_sewn, dt_of, may_touch, panel_of, place
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, recorded
+from cloth_sim_ros.sim.kernels.device import allocated
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit, next_place, xyz
 
 PAIRS_A_PANEL = 64  # capacity of the list of pairs, per panel
@@ -248,28 +249,14 @@ class Search:
         # Boxes around paths, and boxes around current places.
         self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
         self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
-        self.pairs = Pairs()
-        self.pairs.couples = wp.zeros((worlds, _COUPLES_A_PANEL * self._panels), dtype=wp.vec2i, device=device)
-        room = (worlds, PAIRS_A_PANEL * self._panels)
-        self.pairs.parts = wp.zeros(room, dtype=wp.vec4i, device=device)
-        self.pairs.kept = wp.zeros(room, dtype=float, device=device)
-        self.pairs.rooms = wp.zeros(room, dtype=float, device=device)
-        self.pairs.starts = wp.zeros(room, dtype=float, device=device)
-        self.pairs.sums = wp.zeros((worlds, 4), dtype=wp.int64, device=device)
-        self.pairs.rounds = wp.zeros(ROUNDS, dtype=int, device=device)
-        self.pairs.panels = wp.zeros(room, dtype=wp.vec2i, device=device)
-        self.pairs.counts = wp.zeros((worlds, 2), dtype=int, device=device)
-        self.pairs.clock = wp.zeros(6, dtype=int, device=device)
+        room, couples = (worlds, PAIRS_A_PANEL * self._panels), (worlds, _COUPLES_A_PANEL * self._panels)
+        shapes = {"couples": couples, "counts": (worlds, 2), "clock": 6, "sums": (worlds, 4), "rounds": ROUNDS}
+        shapes |= {"folded": 2, "turns": worlds * len(members.bodies)}
+        shapes |= dict.fromkeys(("parts", "kept", "rooms", "starts", "panels"), room)
+        shapes |= dict.fromkeys(("ways", "ranges", "off", "astray", "failed", "balls", "drifts"), total)
+        self.pairs = allocated(Pairs, device, **shapes)
+        self.pairs.folded.fill_(1)
         self._due = self.pairs.clock[DUE : DUE + 1]
-        self.pairs.folded = wp.ones(2, dtype=int, device=device)
-        self.pairs.turns = wp.zeros(worlds * len(members.bodies), dtype=wp.mat33, device=device)
-        self.pairs.ways = wp.zeros(total, dtype=Way, device=device)
-        self.pairs.ranges = wp.zeros(total, dtype=float, device=device)
-        self.pairs.off = wp.zeros(total, dtype=float, device=device)
-        self.pairs.astray = wp.zeros(total, dtype=bool, device=device)
-        self.pairs.failed = wp.zeros(total, dtype=bool, device=device)
-        self.pairs.balls = wp.zeros(total, dtype=wp.vec4, device=device)
-        self.pairs.drifts = wp.zeros(total, dtype=wp.vec3, device=device)
         self._looks = [recorded(look, members, self.pairs, ends, group=group, device=device) for ends in (False, True)]
 
     def look(self, ends: bool) -> None:

@@ -20,6 +20,7 @@ from cloth_sim_ros.sim.features.self_contact.nearest import nearest
 from cloth_sim_ros.sim.features.self_contact.pairs import CLOSE, Pairs, pair_of, room_of
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Surface, dt_of, number_of_body, place, surface_of
 from cloth_sim_ros.sim.kernels.cooperative import CooperativeGroup, cooperative, number_of, recorded, sync_all
+from cloth_sim_ros.sim.kernels.device import allocated
 from cloth_sim_ros.sim.kernels.intrinsics import (
     add_exactly,
     exact_sum,
@@ -248,21 +249,10 @@ def _keep_apart(members: Members, pairs: Pairs, close: Close, passes: int, group
             close.some[0] = 0
 
 
-class ContactSolve:
-    """Launch that keeps the pairs of a search apart."""
-
-    def __init__(self, members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> None:
-        worlds, room = pairs.parts.shape
-        self._close = Close()
-        for name in ("particles", "surfaces", "inverse", "weights"):
-            dtype = int if name in ("particles", "surfaces") else float
-            setattr(self._close, name, wp.zeros((worlds, 4 * room), dtype=dtype, device=device))
-        for name, dtype in (("lines", wp.vec3), ("gaps", wp.vec2), ("frictions", wp.vec2), ("slips", wp.vec4)):
-            setattr(self._close, name, wp.zeros((worlds, room), dtype=dtype, device=device))
-        self._close.met = wp.zeros((worlds, room), dtype=float, device=device)
-        self._close.counts = wp.zeros(worlds, dtype=int, device=device)
-        self._close.some = wp.zeros(1, dtype=int, device=device)
-        self._launch = recorded(_keep_apart, members, pairs, self._close, _PASSES, group=group, device=device)
-
-    def launch(self) -> None:
-        self._launch.launch()
+def contact_solve(members: Members, pairs: Pairs, group: CooperativeGroup, device: wp.Device) -> wp.Launch:
+    """The launch that keeps the pairs of a search apart."""
+    worlds, room = pairs.parts.shape
+    shapes = dict.fromkeys(("particles", "surfaces", "inverse", "weights"), (worlds, 4 * room))
+    shapes |= dict.fromkeys(("lines", "gaps", "frictions", "slips", "met"), (worlds, room))
+    close = allocated(Close, device, counts=worlds, some=1, **shapes)
+    return recorded(_keep_apart, members, pairs, close, _PASSES, group=group, device=device)
