@@ -171,11 +171,11 @@ def make_give_up_way(features: Features):
         less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep))
         moved = xyz(packed) + less
         store4(ctx.d, i, pack(moved, packed[3]))
-        add_force(met.forces, met.slot * colliders + of, (met.share / packed[3]) * less)
+        add_force(met.slot * colliders + of, (met.share / packed[3]) * less, ctx)
         if wp.static(features.order == 2):
             # BDF2 carries the past displacement on. Setting it to the new one keeps the particle from bouncing.
             moved -= xyz(load4(ctx.position_lo, i))
-            met.last_displacements[met.slot] = moved
-            store_row(met.velocities, met.slot, pack(moved / length_of(ctx.step), 0.0))
+            ctx.state.last_displacements[met.slot] = moved
+            store_row(ctx.state.velocities, met.slot, pack(moved / length_of(ctx.step), 0.0))
 
     return stay

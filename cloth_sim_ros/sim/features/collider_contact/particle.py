@@ -5,8 +5,6 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
@@ -66,33 +64,20 @@ def length_of(step: Step) -> float:
 class Met:
     """Data of the contacts of particle number `slot`.
 
-    first_sweep: index of the first collider's motion in `sweeps`. share: factor [1/s^2] from a correction over the
-    inverse mass to a force [N]. near: colliders that the body may touch. colliders: those of the world. contacts:
-    corrections of earlier iterations. carries: True if the solve of a rope had them, see lean.py.
+    share: factor [1/s^2] from a correction over the inverse mass to a force [N], mean over the frame. near: colliders
+    that the body may touch. carries: True if the solve of a rope had corrections of earlier iterations, see lean.py.
     """
 
     slot: int
-    first_sweep: int
     share: float
     near: Near
-    colliders: wp.array(dtype=ColliderMotion)
-    sweeps: wp.array(dtype=Sweep)
-    contacts: wp.array(dtype=wp.vec4)
-    forces: wp.array(dtype=wp.vec4)
-    velocities: wp.array(dtype=wp.vec4)
-    last_displacements: wp.array(dtype=wp.vec3)
     carries: bool
 
 
 @wp.func
-def share_of(step: Step, substeps: int) -> float:
-    """Return the factor from a correction over the inverse mass to a force, mean over `substeps` [1/s^2]."""
-    return step.inverse_square / float(substeps)
-
-
-@wp.func
-def add_force(forces: wp.array(dtype=wp.vec4), k: int, force: wp.vec3):
+def add_force(k: int, force: wp.vec3, ctx: Context):
     """Add a force [N] to that of a collider in this frame so far."""
+    forces = ctx.state.contact.contact_forces
     forces[k] = load_row(forces, k) + pack(force, 0.0)
 
 
@@ -127,13 +112,13 @@ def with_push(push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entr
 
 
 @wp.func
-def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
+def forget(met: Met, moved: wp.vec3, push: Push, ctx: Context) -> wp.vec3:
     """Keep only the part of a particle's past that still holds in order 2, after contacts moved it by `moved` [m].
 
     Returns the correction [m] whose effect on the momentum equals that of the forgotten part.
     """
-    v = xyz(load_row(met.velocities, met.slot))
-    past = wp.where(step.second, met.last_displacements[met.slot], step.effective * v)
+    step, v = ctx.step, xyz(load_row(ctx.state.velocities, met.slot))
+    past = wp.where(step.second, ctx.state.last_displacements[met.slot], step.effective * v)
     lost = wp.vec3(0.0)
     pressed = wp.length(push.way)
     normal = push.way / wp.max(pressed, 1.0e-20)
@@ -142,8 +127,8 @@ def forget(met: Met, moved: wp.vec3, push: Push, step: Step) -> wp.vec3:
         hit = not met.carries and -wp.dot(past - motion, normal) > 0.5 * pressed
         kept = forgotten(past, moved, normal, hit)
         kept_speed = forgotten(v, moved / length_of(step), normal, hit)
-        met.last_displacements[met.slot] = kept
-        store_row(met.velocities, met.slot, pack(kept_speed, 0.0))
+        ctx.state.last_displacements[met.slot] = kept
+        store_row(ctx.state.velocities, met.slot, pack(kept_speed, 0.0))
         lost = lost_motion(past - kept, v - kept_speed, step)
     return lost
 
@@ -165,12 +150,12 @@ def _make_before(features: Features):
         before = wp.vec3(0.0)
         if wp.static(features.leans):
             if not met.carries:
-                before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(met.contacts, entry))
+                before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
             elif ctx.state.contact.leans[entry].contact[3] > 0.0:
                 moved = ctx.state.rope.solved[met.slot] - ctx.state.rope.starts[met.slot]
                 before = solved_lean(i, c, entry, w, moved, ctx)
         elif not ctx.step.first:
-            before = xyz(load_row(met.contacts, entry))
+            before = xyz(load_row(ctx.state.contact.contacts, entry))
         return pack(before, wp.where(wp.length_sq(before) > 0.0, 1.0, 0.0))
 
     return before_of
@@ -238,7 +223,7 @@ def make_leave(features: Features):
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
                 moved = displacement - xyz(load4(ctx.position_lo, i))
-                add_force(met.forces, push.entry, (met.share / w) * forget(met, moved, push, ctx.step))
+                add_force(push.entry, (met.share / w) * forget(met, moved, push, ctx), ctx)
 
     return leave
 
@@ -256,8 +241,8 @@ def make_pushed(features: Features):
     ) -> Push:
         if wp.static(features.leans):
             if leaned:
-                v = xyz(load_row(met.velocities, met.slot))
-                past = wp.where(ctx.step.second, met.last_displacements[met.slot], ctx.step.effective * v)
+                v = xyz(load_row(ctx.state.velocities, met.slot))
+                past = wp.where(ctx.step.second, ctx.state.last_displacements[met.slot], ctx.step.effective * v)
                 if wp.dot(motion - past, normal) <= 0.5 * pressed:
                     return push
         if wp.static(features.order == 2):
@@ -292,20 +277,21 @@ def make_touch(features: Features):
         push = Push()
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
-        while c < met.colliders.shape[0]:
-            k = met.first_sweep + c
-            entry = met.slot * met.colliders.shape[0] + c
+        while c < ctx.colliders.shape[0]:
+            k = ctx.sweep + c
+            entry = met.slot * ctx.colliders.shape[0] + c
             known = before_of(i, c, entry, w, met, ctx)
             before, acted = xyz(known), known[3] > 0.0
             after = before
             touch = float(0.0)
-            offset = (position - met.sweeps[k].position) + displacement
-            reach = met.colliders[c].reach + material.thickness
-            away = least_gap(offset, displacement - met.sweeps[k].motion, met.sweeps[k].spin, reach)
-            close = close or (away < width and met.colliders[c].facets != 0)
+            offset = (position - ctx.state.contact.sweeps[k].position) + displacement
+            reach = ctx.colliders[c].reach + material.thickness
+            motion, spin = ctx.state.contact.sweeps[k].motion, ctx.state.contact.sweeps[k].spin
+            away = least_gap(offset, displacement - motion, spin, reach)
+            close = close or (away < width and ctx.colliders[c].facets != 0)
             if away < 0.0 or acted:
-                collider = met.colliders[c]
-                sweep = met.sweeps[k]
+                collider = ctx.colliders[c]
+                sweep = ctx.state.contact.sweeps[k]
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
@@ -327,7 +313,7 @@ def make_touch(features: Features):
                     after, moved, pushed = correct(before, n, gap, tangential, softness, friction, met, ctx)
                     pressed = wp.dot(after, n)
                     displacement += wp.transpose(sweep.to_local) * moved
-                    add_force(met.forces, entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed))
+                    add_force(entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed), ctx)
                     touched = True
                     touch = float(ctx.substep + 2)
                     if stray:
@@ -336,9 +322,9 @@ def make_touch(features: Features):
                     normal, leaned = wp.transpose(sweep.to_local) * n, acted and met.carries
                     push = pushed_on(push, normal, pressed, sweep.motion, entry, leaned, met, ctx)
             if wp.static(leans):
-                store_row(met.contacts, entry, pack(step.inverse_square * after, touch))
-            elif step.repeats or (wp.static(features.pinches) and met.colliders[c].opposite > 0):
-                store_row(met.contacts, entry, pack(after, touch))
+                store_row(ctx.state.contact.contacts, entry, pack(step.inverse_square * after, touch))
+            elif step.repeats or (wp.static(features.pinches) and ctx.colliders[c].opposite > 0):
+                store_row(ctx.state.contact.contacts, entry, pack(after, touch))
             c = next_of(c, met.near, stray)
         if touched:
             leave(i, displacement, push, met, ctx)
@@ -354,15 +340,8 @@ def make_met_in(features: Features):
     @wp.func
     def met_in(ctx: Context) -> Met:
         met = Met()
-        met.first_sweep = ctx.sweep
-        met.share = share_of(ctx.step, ctx.frame.substeps)
+        met.share = ctx.step.inverse_square / float(ctx.frame.substeps)
         met.near = near_of(ctx)
-        met.colliders = ctx.colliders
-        met.sweeps = ctx.state.contact.sweeps
-        met.contacts = ctx.state.contact.contacts
-        met.forces = ctx.state.contact.contact_forces
-        met.velocities = ctx.state.velocities
-        met.last_displacements = ctx.state.last_displacements
         met.carries = wp.static(features.leans)
         return met
 

@@ -385,7 +385,7 @@ def _make_leaned(features: Features):
                     weights = ctx.state.contact.presses[at].leaned
                     share = wp.where(first, weights[0], weights[1] + weights[2]) * ctx.state.contact.presses[at].acted
                     entry = met.slot * ctx.colliders.shape[0] + c
-                    add_force(met.forces, entry, met.share * share)
+                    add_force(entry, met.share * share, ctx)
                     n, motion = xyz(lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
                     push = pushed_on(push, n, w * wp.dot(share, n), motion, entry, True, met, ctx)
         return push
@@ -419,7 +419,7 @@ def make_yield(features: Features):
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
                 entry = met.slot * ctx.colliders.shape[0] + c
-                add_force(met.forces, entry, (met.share / w) * correction)
+                add_force(entry, (met.share / w) * correction, ctx)
                 touched = True
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
