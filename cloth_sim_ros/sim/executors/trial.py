@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, State
+from cloth_sim_ros.sim.arrays.state import Arrays, State
 from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.device import call_all
@@ -61,12 +61,6 @@ def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
         wp.atomic_max(s.trial.strain_found, b, strain)
 
 
-@wp.func
-def is_moving(c: ColliderMotion) -> bool:
-    turned = wp.length_sq(c.end_orientation - c.start_orientation)
-    return turned + wp.length_sq(c.end_position - c.start_position) > 0.0
-
-
 @compiled
 def judge(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), any_rejected: wp.array(dtype=int)):
     i = wp.tid()
@@ -76,8 +70,10 @@ def judge(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), any_reje
     recovered = s.recoveries[b] != start.recoveries[b]
     most, least = wp.max(s.trial.strain_found[b], s.trial.strain[b]), wp.min(s.trial.strain_found[b], s.trial.strain[b])
     moves = bool(False)
-    for c in range(given[0].colliders.shape[0]):
-        moves = moves or is_moving(given[i / bodies].colliders[c])
+    for k in range(given[0].colliders.shape[0]):
+        c = given[i / bodies].colliders[k]
+        turned = wp.length_sq(c.end_orientation - c.start_orientation)
+        moves = moves or turned + wp.length_sq(c.end_position - c.start_position) > 0.0
     bad = recovered or most > TOO_STRAINED or (most > STRAINED and (most > GROWTH * least or moves))
     s.trial.rejected[b] = wp.where(bad, 1, 0)
     s.trial.strain[b] = s.trial.strain_found[b]

@@ -66,7 +66,9 @@ def make_count(features: Features):
                 s.winch.winches[b] = s.winch.good_winches[b]
             else:
                 s.winch.good_winches[b] = s.winch.winches[b]
-        count_fault(b, s)
+        s.recoveries[b] += s.faulty[b]
+        s.relapses[b] = s.faulty[b] * (s.relapses[b] + 1)
+        s.faulty[b] = 0
         n = ctx.frame.substeps
         s.control.taken[b] = n
         s.control.since[b] += wp.vec4i(1, n, 0, 0)
@@ -94,16 +96,6 @@ def keep(g: int, position: wp.vec4, lo: wp.vec4, s: State):
     store_row(s.positions, g, position)
     store_row(s.good_positions, g, position)
     store_row(s.position_lo, g, lo)
-
-
-@wp.func
-def count_fault(b: int, s: State) -> bool:
-    """Count a fault, clear it for the next frame, and return True if body b was put back in this one."""
-    faulty = s.faulty[b]
-    s.recoveries[b] += faulty
-    s.relapses[b] = faulty * (s.relapses[b] + 1)
-    s.faulty[b] = 0
-    return faulty == 1
 
 
 @wp.func

@@ -35,7 +35,6 @@ from cloth_sim_ros.sim.physics.integrate import (
     Step,
     carried,
     eased_by,
-    predict_displacement,
     share_of_inverse_mass,
     split_sum,
 )
@@ -47,12 +46,6 @@ def spring_constants(material: Material) -> wp.vec3:
     """Return the constants [N/m] of structural, shear and bending springs of scale 1."""
     c = material.compliance
     return wp.vec3(1.0 / wp.max(c[0], 1.0e-30), 1.0 / wp.max(c[1], 1.0e-30), 1.0 / wp.max(c[2], 1.0e-30))
-
-
-@wp.func
-def constant_of_spring(kind: wp.vec4, constants: wp.vec3) -> float:
-    """Return the constant [N/m] of a spring of type `kind` (Model.spring_types)."""
-    return wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2])) * kind[1]
 
 
 @wp.func
@@ -90,7 +83,8 @@ def spring_force(i: int, ctx: Context, v: wp.vec3) -> wp.vec3:
         apart = wp.vec3(0.0)
         if ctx.material.damping > 0.0:
             apart = xyz(load_row(ctx.state.velocities, ctx.body.particles + j)) - v
-        force += force_of_spring(e, kind[0], constant_of_spring(kind, constants), kind[3], ctx.material.damping, apart)
+        scale = wp.where(kind[2] == 0.0, constants[0], wp.where(kind[2] == 1.0, constants[1], constants[2]))
+        force += force_of_spring(e, kind[0], scale * kind[1], kind[3], ctx.material.damping, apart)
     return force
 
 
@@ -106,20 +100,6 @@ def make_elastic_force(features: Features):
         return force
 
     return elastic_force
-
-
-@wp.func
-def first_share(step: Step) -> float:
-    """Return the share of the first kick: in leapfrog, velocities are half a step before the positions."""
-    return wp.where(step.second, 1.0, 0.5)
-
-
-@wp.func
-def prediction(base: wp.vec3, v: wp.vec3, a: wp.vec3, eased: float, w: float, lo: wp.vec3, step: Step) -> wp.vec4:
-    """Return the predicted displacement plus the low part [m], and the effective inverse mass [1/kg], under drag."""
-    displacement = predict_displacement(base, v, a, step.effective, eased)
-    # Implicit drag acts like added mass; with it the static balance of drag, weight and springs is exact.
-    return pack(displacement + lo, w * eased)
 
 
 @wp.func
@@ -178,14 +158,18 @@ def make_predict(features: Features):
             a += w * (xyz(pulled) + pulled[3] * (ahead - v))
             eased = eased / (1.0 + eased * ctx.step.effective * w * pulled[3])
         if wp.static(elastic_force is not None):
-            a = first_share(ctx.step) * (a + w * elastic_force(i, ctx, v))
+            # The first kick is half a one: in leapfrog, velocities are half a step before the positions.
+            a = wp.where(ctx.step.second, 1.0, 0.5) * (a + w * elastic_force(i, ctx, v))
         if wp.static(features.lines):
             eased = eased_under_lines(i, ctx, eased, w, base + ctx.step.effective * v, a)
-        # Select instead of branching, or a warp with a pinned particle would run both branches.
-        moved = prediction(base, v, a, eased, w, lo, ctx.step)
+        # Linearly implicit in the drag (Rosenbrock-Euler), so that it never reverses the relative velocity. Such drag
+        # acts like added mass; with it the static balance of drag, weight and springs is exact.
+        h = ctx.step.effective
+        moved = pack(base + h * (v + (h * eased) * a) + lo, w * eased)
         if wp.static(features.chain):
             start = (base + ctx.step.effective * v) + lo
             ctx.state.rope.falls[g] = wp.where(w == 0.0, wp.vec3(0.0), xyz(moved) - start)
+        # Select instead of branching, or a warp with a pinned particle would run both branches.
         store4(ctx.d, i, wp.where(w == 0.0, pack(lo, 0.0), moved))
         if wp.static(features.lines):
             store_row(ctx.state.lines.bases, g, pack(lo + base, 0.0))

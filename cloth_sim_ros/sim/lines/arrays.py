@@ -6,12 +6,6 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 from cloth_sim_ros.sim.kernels.native import LANES
 
-
-def scratch_of(slots: int) -> int:
-    """Return the number of floats that a CPU needs to solve rows of `slots` slots."""
-    return 7 * LANES * slots + 16
-
-
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"line_multipliers": "line"}
 
@@ -38,5 +32,5 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
         "line_lengths": n.slots if features.membrane else 0,
-        "line_scratch": scratch_of(n.longest_row) if n.on_cpu else 0,
+        "line_scratch": 7 * LANES * n.longest_row + 16 if n.on_cpu else 0,
     }

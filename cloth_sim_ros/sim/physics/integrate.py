@@ -23,15 +23,6 @@ def effective_step(h: float, second: bool) -> float:
     return wp.where(second, h - h / 3.0, h)
 
 
-@wp.func
-def predict_displacement(base: wp.vec3, v: wp.vec3, a: wp.vec3, h: float, eased: float) -> wp.vec3:
-    """d~ [m] under acceleration a [m/s^2], of which linear drag of `rate` [1/s] at v is part; eased = 1/(1 + h rate).
-
-    Linearly implicit in the drag (Rosenbrock-Euler), so that it never reverses the relative velocity.
-    """
-    return base + h * (v + (h * eased) * a)
-
-
 # Families of lines pull at a particle in turn. Beside a corner that a sheet hangs by, each would move it by more than a
 # spring is long, and the next would find springs that point elsewhere. So such a particle gets heavier, until all of
 # them move it by this share of the spacing. Its rest position stays, since all its forces scale alike. A particle that

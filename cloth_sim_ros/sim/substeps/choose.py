@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -84,18 +83,15 @@ def choose(
 
     Numbers that are set in `settings` are kept.
     """
-    limit = partial(_explicit_substeps, topology, settings, around)
+
+    def limit(compliance: Sequence[float], damping: float) -> float:
+        return limits.explicit_substeps(topology, compliance, damping, settings.frame_dt, around.wind)
+
     xpbd = _xpbd(settings, topology, materials, max(limit(each, 0.0) for each, _ in materials), around)
     if settings.method != "verlet":
         return xpbd
     needed = max(limit(compliance, damping) for compliance, damping in materials)
     return replace(_verlet(settings, needed, around.surface), safe_substeps=max(xpbd.substeps, _SAFE))
-
-
-def _explicit_substeps(
-    topology: Topology, settings: Settings, around: Surroundings, compliance: Sequence[float], damping: float
-) -> float:
-    return limits.explicit_substeps(topology, compliance, damping, settings.frame_dt, around.wind)
 
 
 def xpbd_is_direct(topology: Topology) -> bool:

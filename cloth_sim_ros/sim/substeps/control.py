@@ -170,12 +170,6 @@ def end_trial(
 
 
 @wp.func
-def order_of(fine: float, coarse: float) -> float:
-    """The order at which differences fall from `coarse` to `fine` as the substeps double, between 0 and 2."""
-    return wp.clamp(wp.log2(coarse / wp.max(fine, 1.0e-12)), 0.0, 2.0)
-
-
-@wp.func
 def is_all_redone(since: wp.vec4i, limits: StepLimits) -> bool:
     """True if every frame since the last measurement was computed again, which costs at least three times as much."""
     return since[0] > 0 and since[3] >= since[0] and limits.is_set == 0
@@ -295,7 +289,8 @@ def control(
         if begins:
             s.control.anchors[g] = x
     fine, way = size_of(total(part), m.count, limits), size_of(total(moved), m.count, limits)
-    order = order_of(fine, differences[k])
+    # Differences fall at this order as the substeps double.
+    order = wp.clamp(wp.log2(differences[k] / wp.max(fine, 1.0e-12)), 0.0, 2.0)
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
     motion = wp.max(way, past[1])

@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     share_of_friction,
     slack_of,
 )
-from cloth_sim_ros.sim.features.collider_contact.strain import note_strain, widest_around
+from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED, widest_around
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
@@ -362,6 +362,7 @@ def make_contact(features: Features):
         elif wp.static(features.method == "verlet"):
             if found & TOUCHED != 0:
                 strain = widest_around(i, ctx) / ctx.body.gap - 1.0
-                note_strain(strain, ctx.body.index, ctx.state.trial.strain_found)
+                if strain > TOO_STRAINED:  # it may let the collider through; the frame is repeated, see trial.py
+                    wp.atomic_max(ctx.state.trial.strain_found, ctx.body.index, strain)
 
     return contact

@@ -28,13 +28,3 @@ def widest_around(i: int, ctx: Context) -> float:
             longest = wp.max(longest, wp.max(wp.length_sq(c - a), wp.length_sq(c - b))) * wp.static(4.0 / 3.0)
         square = wp.max(square, 0.25 * longest)
     return wp.sqrt(square)
-
-
-@wp.func
-def note_strain(strain: float, body: int, found: wp.array(dtype=float)):
-    """Record the strain around a particle that a collider touches, if the strain may let the collider through.
-
-    The frame of explicit steps is then repeated, see executors/trial.py.
-    """
-    if strain > TOO_STRAINED:
-        wp.atomic_max(found, body, strain)

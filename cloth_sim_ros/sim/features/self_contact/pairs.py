@@ -4,7 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.features.self_contact.nearest import nearest
-from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, are_sewn, dt_of
+from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, Surface, are_sewn
 from cloth_sim_ros.sim.kernels.intrinsics import next_place
 
 TESTS = 15  # tests of two triangles: three corners of each against the other, and nine pairs of sides
@@ -91,12 +91,6 @@ def slack(members: Members, surface: Surface, body: int) -> float:
 def is_due(pairs: Pairs, t: int) -> bool:
     """Return True if the search covers panel t, counted through all worlds."""
     return pairs.clock[WHOLE] > 0 or pairs.astray[t]
-
-
-@wp.func
-def time_ahead(pairs: Pairs, surface: Surface) -> float:
-    """Return the time for which paths are straight [s]."""
-    return float(pairs.clock[HOLDS]) * dt_of(surface)
 
 
 @wp.func

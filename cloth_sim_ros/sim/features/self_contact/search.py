@@ -40,7 +40,6 @@ from cloth_sim_ros.sim.features.self_contact.pairs import (
     list_test,
     slack,
     tests_of,
-    time_ahead,
     way_of,
 )
 from cloth_sim_ros.sim.features.self_contact.surfaces import Members, Panel, are_sewn, dt_of, may_touch, panel_of, place
@@ -108,7 +107,8 @@ def _enclose_ways(members: Members, pairs: Pairs, boxes: Boxes):
     w = wp.tid() / panels
     panel = panel_of(members, wp.tid() - w * panels, w)
     surface = members.surfaces[panel.surface]
-    way = way_of(members, surface, panel, wp.tid() - w * panels, time_ahead(pairs, surface))
+    time = float(pairs.clock[HOLDS]) * dt_of(surface)  # for which paths are straight [s]
+    way = way_of(members, surface, panel, wp.tid() - w * panels, time)
     margin = way.thickness + way.slack
     _wrap(wp.tid(), way, margin, pairs)
     pairs.ways[wp.tid()] = way
