@@ -32,7 +32,8 @@ from cloth_sim_ros.sim.substeps import arrays as control
 
 _ALIGNED = 256  # bytes to whose multiple every array is aligned, as allocations are
 
-# Field of State -> the module that owns its arrays.
+# Field of State -> the module that owns its arrays. Its `sizes` returns the number of elements of each array in one
+# world; 0 if the features do not need it.
 OWNERS = {
     "lines": lines, "plate": plate, "rope": rope, "twist": twist, "air": air, "contact": contact,
     "self_contact": self_contact, "constraints": constraints, "seams": seams, "grasp": grasp, "tearing": tearing,

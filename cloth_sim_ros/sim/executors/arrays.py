@@ -16,9 +16,4 @@ class TrialState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        "strain_found": n.bodies if features.method == "verlet" else 0,
-        "strain": n.bodies if features.method == "verlet" else 0,
-        "rejected": n.bodies if features.method == "verlet" else 0,
-    }
+    return dict.fromkeys(TrialState.vars, n.bodies * (features.method == "verlet"))

@@ -25,7 +25,6 @@ class LineState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {
         "line_multipliers": n.slots,
         "line_slips": n.slots if features.order == 2 or features.sewn else 0,

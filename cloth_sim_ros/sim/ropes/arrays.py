@@ -34,23 +34,13 @@ class RopeState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    particles = n.particles if features.chain else 0
-    touched = n.particles if features.leans else 0
-    between = n.segments if features.leans and features.surface else 0
+    between = n.segments * (features.leans and features.surface)
     return {
         "tensions": n.segments,
         "moments": n.joints,
-        "falls": particles,
-        "targets": particles,
-        "solved": particles,
-        "starts": touched,
-        "half_turns": touched,
-        "pushes": touched,
-        "holds": touched,
-        "segment_pushes": between,
-        "segment_holds": between,
-        "segment_points": between,
-        "scratch": NUMBERS * (n.particles + 3 * n.bodies) if features.chain else 0,
-        "overstretched": n.bodies if features.chain else 0,
+        **dict.fromkeys(("falls", "targets", "solved"), n.particles * features.chain),
+        **dict.fromkeys(("starts", "half_turns", "pushes", "holds"), n.particles * features.leans),
+        **dict.fromkeys(("segment_pushes", "segment_holds", "segment_points"), between),
+        "scratch": NUMBERS * (n.particles + 3 * n.bodies) * features.chain,
+        "overstretched": n.bodies * features.chain,
     }

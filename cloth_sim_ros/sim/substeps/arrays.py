@@ -58,7 +58,6 @@ class ControlState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     bodies = ("substeps", "divisors", "factors", "redone", "taken", "since", "asleep", "errors", "motions")
     audited = {"ledgers": n.bodies if features.audited else 0}
     return {**dict.fromkeys(bodies, n.bodies), **audited, "anchors": n.particles if features.measured else 0}

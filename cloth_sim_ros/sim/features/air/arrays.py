@@ -16,9 +16,9 @@ class AirState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
+    ahead = n.particles if features.order == 2 and features.panels else 0
     return {
-        "ahead_positions": (n.particles if features.order == 2 else 0) if features.panels else 0,
-        "ahead_velocities": (n.particles if features.order == 2 else 0) if features.panels else 0,
+        "ahead_positions": ahead,
+        "ahead_velocities": ahead,
         "panel_forces": n.panels if features.panels else 0,
     }

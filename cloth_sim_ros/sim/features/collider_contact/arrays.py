@@ -124,21 +124,19 @@ class ContactState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
+    surface, pinches, near = features.surface, features.pinches, n.colliders > 0
+    contacts, facets = n.particles * n.colliders, n.panels * n.colliders * surface
     return {
-        "contacts": n.particles * n.colliders,
-        "contact_forces": n.particles * n.colliders,
-        "leans": n.particles * n.colliders if features.leans else 0,
-        "presses": n.panels * n.colliders if features.surface else 0,
-        "looks": n.panels * n.colliders if features.surface else 0,
-        "close": n.particles if features.surface else 0,
-        "facets_moved_in": n.bodies if features.surface else 0,
-        "pressed": n.particles if features.surface else 0,
+        **dict.fromkeys(("contacts", "contact_forces"), contacts),
+        "leans": contacts * features.leans,
+        **dict.fromkeys(("presses", "looks"), facets),
+        "close": n.particles * surface,
+        "facets_moved_in": n.bodies * surface,
+        "pressed": n.particles * surface,
         "sweeps": SWEPT * n.bodies * n.colliders,
         "near": n.bodies * words_of(n.colliders),
-        "squeezed_in": n.bodies * n.colliders if features.pinches else 0,
-        "pinch_places": n.particles if features.pinches else 0,
-        "pinch_pulls": n.particles if features.pinches else 0,
-        "extents": EXTENT * n.bodies if n.colliders else 0,
-        "boxes": 2 * n.bodies if n.colliders else 0,
+        "squeezed_in": n.bodies * n.colliders * pinches,
+        **dict.fromkeys(("pinch_places", "pinch_pulls"), n.particles * pinches),
+        "extents": EXTENT * n.bodies * near,
+        "boxes": 2 * n.bodies * near,
     }

@@ -15,5 +15,4 @@ class ConstraintState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {"constraint_pulls": n.model["constraint_ends"]}

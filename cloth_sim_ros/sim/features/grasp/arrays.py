@@ -20,10 +20,5 @@ class GraspState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        "grips": n.particles if features.handles else 0,
-        "grip_pulls": n.particles if features.handles else 0,
-        "grip_forces": n.particles if features.handles else 0,
-        "held": n.bodies if features.handles else 0,
-    }
+    grips = dict.fromkeys(("grips", "grip_pulls", "grip_forces"), n.particles * features.handles)
+    return {**grips, "held": n.bodies * features.handles}

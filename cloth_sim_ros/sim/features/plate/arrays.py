@@ -16,9 +16,4 @@ class PlateState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        "damped": n.particles if features.plate else 0,
-        "curve_normals": n.curves,
-        "curve_pulls": n.curves,
-    }
+    return {"damped": n.particles * features.plate, "curve_normals": n.curves, "curve_pulls": n.curves}

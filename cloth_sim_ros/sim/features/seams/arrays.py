@@ -23,5 +23,4 @@ class SeamState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     return {"stitches": n.stitches, "stitch_forces": n.stitches}

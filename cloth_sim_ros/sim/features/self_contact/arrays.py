@@ -21,11 +21,5 @@ class SelfContactState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        "path_starts": n.particles if features.coupled else 0,
-        "path_velocities": n.particles if features.coupled else 0,
-        "off_path": n.particles if features.coupled else 0,
-        "pair_corrections": ASKED * n.particles if features.coupled else 0,
-        "ways_given_up": n.particles if features.coupled else 0,
-    }
+    particles = n.particles * features.coupled
+    return {**dict.fromkeys(SelfContactState.vars, particles), "pair_corrections": ASKED * particles}

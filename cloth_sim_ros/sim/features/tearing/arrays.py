@@ -25,6 +25,5 @@ class TearingState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
     there = features.tears
     return {**{name: n.model[name] if there else 0 for name in LEFT}, "tearing": n.bodies if there else 0}

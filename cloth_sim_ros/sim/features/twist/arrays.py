@@ -59,9 +59,5 @@ class TwistState:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        **dict.fromkeys(("twisted", "rest_turns", "bends"), n.joints * features.twist),
-        "twists": n.bodies if features.twist else 0,
-        "good_twists": n.bodies if features.twist else 0,
-    }
+    joints = dict.fromkeys(("twisted", "rest_turns", "bends"), n.joints * features.twist)
+    return joints | dict.fromkeys(("twists", "good_twists"), n.bodies * features.twist)

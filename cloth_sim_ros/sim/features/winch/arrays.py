@@ -44,8 +44,4 @@ class WinchArrays:
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    """Return the number of elements of each array in one world; 0 if the features do not need it."""
-    return {
-        "winches": n.bodies if features.winch else 0,
-        "good_winches": n.bodies if features.winch else 0,
-    }
+    return dict.fromkeys(("winches", "good_winches"), n.bodies * features.winch)
