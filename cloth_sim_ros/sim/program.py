@@ -82,7 +82,7 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
         before.append(Stage("panels", make_panels(features)))
     predict, finish = make_predict(features), make_finish(features)
     if features.twist:
-        before.append(Stage("twist", once(make_find_twist(features.order, features.handles))))
+        before.append(Stage("twist", once(make_find_twist(features.order))))
         predict = both(predict, push_by_couples)
     if features.handles:
         predict, finish = both(predict, hold), both(feel, finish)

@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_o
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
-from cloth_sim_ros.sim.features.collider_contact.pinch import make_is_squeezed
+from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
@@ -273,7 +273,7 @@ def make_lean(features: Features):
     Coulomb's. With `writes` the next solve takes what is found: contacts that press are closed, others open, steps of
     a semi-smooth Newton method (Alart and Curnier 1991).
     """
-    meet, is_squeezed = make_ccd(features.shapes), make_is_squeezed(features)
+    meet = make_ccd(features.shapes)
 
     @wp.func
     def lean(i: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:

@@ -10,9 +10,9 @@ from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
+    has_touched,
     is_between,
-    make_has_touched,
-    make_is_squeezed,
+    is_squeezed,
     note_squeezed,
     share_of_friction,
     slack_of,
@@ -195,21 +195,6 @@ def _make_correct(features: Features):
     return correct
 
 
-def _make_turn_at(features: Features):
-    """Return a Warp function: half the turn of a rope at particle i [rad], as its solve began; 0 for a sheet.
-
-    Its neighbours move while contact of the particle is found.
-    """
-
-    @wp.func
-    def turn_at(i: int, ctx: Context) -> float:
-        if wp.static(features.leans):
-            return ctx.state.rope.half_turns[ctx.body.particles + i]
-        return 0.0
-
-    return turn_at
-
-
 def make_leave(features: Features):
     """Return a Warp function that applies the colliders' result to particle i."""
 
@@ -259,8 +244,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_ccd(features.shapes), make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
-    turn_at, pushed_on = _make_turn_at(features), make_pushed(features)
-    least, is_squeezed, has_touched = least_mass(features), make_is_squeezed(features), make_has_touched(features)
+    pushed_on, least = make_pushed(features), least_mass(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
@@ -300,7 +284,9 @@ def make_touch(features: Features):
                 thickness, apart = material.thickness + slack, pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3] + slack
+                turn = float(0.0)
                 if wp.static(leans):
+                    turn = ctx.state.rope.half_turns[met.slot]  # as the solve began; its neighbours move meanwhile
                     gap = slack + exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset))
                 squeezed = is_between(squeezed, gap, slack, xyz(touching), c, ctx)
                 if gap < 0.0 or squeezed or acted:
@@ -309,7 +295,7 @@ def make_touch(features: Features):
                     note_squeezed(squeezed, c, ctx)
                     softness = collider.compliance * step.inverse_square / w
                     tangential = slip - wp.dot(slip, n) * n
-                    friction = share_of_friction(squeezed, i, ctx) * friction_of(collider, turn_at(i, ctx), ctx)
+                    friction = share_of_friction(squeezed, i, ctx) * friction_of(collider, turn, ctx)
                     after, moved, pushed = correct(before, n, gap, tangential, softness, friction, met, ctx)
                     pressed = wp.dot(after, n)
                     displacement += wp.transpose(sweep.to_local) * moved

@@ -13,7 +13,6 @@ from a few light particles moves them far. Where no particle is squeezed, facets
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
-from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corner_in
@@ -98,45 +97,27 @@ def may_squeeze(collider: ColliderMotion, ctx: Context) -> bool:
     return collider.squeeze > 0.0 and collider.half_gap <= ctx.material.thickness
 
 
-def make_is_squeezed(features: Features):
-    """Return a Warp function: True if a collider may squeeze particle i: its opposite one touched it now or a substep
-    ago.
-    """
-
-    @wp.func
-    def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
-        if wp.static(features.pinches):
-            if may_squeeze(collider, ctx):
-                return touch_of(i, collider.opposite - 1, ctx) > float(ctx.substep)
-        return False
-
-    return is_squeezed
+@wp.func
+def has_touched(i: int, c: int, ctx: Context) -> bool:
+    """Return True if collider c, which pinches, touched particle i now or a substep ago."""
+    return touch_of(i, c, ctx) > float(ctx.substep)
 
 
-def make_has_touched(features: Features):
-    """Return a Warp function: True if collider c, which pinches, touched particle i now or a substep ago."""
-
-    @wp.func
-    def has_touched(i: int, c: int, ctx: Context) -> bool:
-        if wp.static(features.pinches):
-            return touch_of(i, c, ctx) > float(ctx.substep)
-        return False
-
-    return has_touched
+@wp.func
+def is_squeezed(i: int, collider: ColliderMotion, ctx: Context) -> bool:
+    """Return True if a collider may squeeze particle i: its opposite one touched it now or a substep ago."""
+    if may_squeeze(collider, ctx):
+        return has_touched(i, collider.opposite - 1, ctx)
+    return False
 
 
-def make_is_facet_squeezed(features: Features):
-    """Return a Warp function: the same for the facet of the press `entry`."""
-
-    @wp.func
-    def is_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> bool:
-        if wp.static(features.pinches):
-            if may_squeeze(collider, ctx):
-                first = entry - entry % ctx.colliders.shape[0]
-                return ctx.state.contact.presses[first + collider.opposite - 1].when >= ctx.substep - 1
-        return False
-
-    return is_squeezed
+@wp.func
+def is_facet_squeezed(entry: int, collider: ColliderMotion, ctx: Context) -> bool:
+    """Return True if a collider may squeeze the facet of the press `entry`."""
+    if may_squeeze(collider, ctx):
+        first = entry - entry % ctx.colliders.shape[0]
+        return ctx.state.contact.presses[first + collider.opposite - 1].when >= ctx.substep - 1
+    return False
 
 
 @wp.func
@@ -181,16 +162,11 @@ def load_of(i: int, c: int, ctx: Context) -> wp.vec3:
     return (ctx.step.inverse_square * sum) * across(c, ctx)
 
 
-def make_add_load(features: Features):
-    """Return a Warp function: it adds the load on the facets around particle i to the force of collider c."""
-
-    @wp.func
-    def add_load(i: int, c: int, ctx: Context):
-        if wp.static(features.pinches):
-            if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
-                add_force_of(i, c, load_of(i, c, ctx), ctx)
-
-    return add_load
+@wp.func
+def add_load(i: int, c: int, ctx: Context):
+    """Add the load on the facets around particle i to the force of collider c."""
+    if ctx.colliders[c].squeeze > 0.0 and ctx.step.first:
+        add_force_of(i, c, load_of(i, c, ctx), ctx)
 
 
 @wp.func

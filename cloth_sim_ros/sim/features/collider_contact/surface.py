@@ -44,12 +44,12 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     with_push,
 )
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
+    add_load,
     depth_before_middle,
     is_between,
+    is_facet_squeezed,
     keeps_a_corner,
     load_on_facet,
-    make_add_load,
-    make_is_facet_squeezed,
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
@@ -103,32 +103,6 @@ def points_of(corners: wp.vec3i, ctx: Context) -> float:
     return points
 
 
-def _make_so_far(leans: bool):
-    """Return a Warp function: corrections of a facet in this substep [kg m], by friction and along the normal."""
-
-    @wp.func
-    def so_far_of(last: Press, ctx: Context) -> wp.vec4:
-        if last.when != ctx.substep:
-            return wp.vec4(0.0)
-        if wp.static(leans):
-            return (ctx.step.effective * ctx.step.effective) * last.so_far
-        return last.so_far
-
-    return so_far_of
-
-
-def _make_gap(leans: bool):
-    """Return a Warp function: the gap [m] of a point of a facet at p that slipped, in a place `touching`."""
-
-    @wp.func
-    def gap_of(touching: wp.vec4, slip: wp.vec3, p: wp.vec3) -> float:
-        if wp.static(leans):
-            return exact_gap(touching[3] + NOISE, wp.dot(slip, xyz(touching)), wp.length(p))
-        return touching[3] + NOISE
-
-    return gap_of
-
-
 def _make_rubbed(leans: bool):
     """Return a Warp function: the Press with its friction; `so_far` has the corrections before, and the pressure now.
 
@@ -168,29 +142,16 @@ def _make_rubbed(leans: bool):
     return rubbed
 
 
-def _make_friction(leans: bool):
-    """Return a Warp function: the coefficients of static and kinetic friction of a facet, whose last Press is given."""
-
-    @wp.func
-    def friction_on(last: Press, collider: ColliderMotion, ctx: Context) -> wp.vec2:
-        if wp.static(leans):
-            if last.lean[3] > 0.0:
-                return last.friction
-        return rubs(collider, ctx)
-
-    return friction_on
-
-
 def _make_point_on(features: Features):
     """Return a Warp function: the weights of the point at which a collider may press a facet; 0 if there is none.
 
     It marks the corners of a fast facet that touches.
     """
-    touched_in, is_squeezed = make_touched_in(features), make_is_facet_squeezed(features)
+    touched_in = make_touched_in(features)
 
     @wp.func
     def point_on(facet: Facet, corners: wp.vec3i, entry: int, collider: ColliderMotion, ctx: Context) -> wp.vec3:
-        squeezed = is_squeezed(entry, collider, ctx)
+        squeezed = is_facet_squeezed(entry, collider, ctx)
         slack = slack_of(collider, squeezed, ctx.state.contact.presses[entry].when >= ctx.substep - 1)
         weights = touched_in(facet, entry, collider, ctx.material.thickness + slack, ctx)
         if wp.max(weights) > 0.0 and longest_way(facet) > FAST * ctx.material.thickness:
@@ -207,8 +168,7 @@ def make_press_on(features: Features):
 
     last: its last Press.
     """
-    meet, is_squeezed, leans = make_ccd(features.shapes), make_is_facet_squeezed(features), features.leans
-    so_far_of, gap_of, friction_on = _make_so_far(leans), _make_gap(leans), _make_friction(leans)
+    meet, leans = make_ccd(features.shapes), features.leans
     rubbed = _make_rubbed(leans)
 
     @wp.func
@@ -224,7 +184,7 @@ def make_press_on(features: Features):
     ) -> Press:
         press = Press()
         thickness = ctx.material.thickness
-        squeezed = is_squeezed(entry, collider, ctx)
+        squeezed = is_facet_squeezed(entry, collider, ctx)
         slack = slack_of(collider, squeezed, last.when >= ctx.substep - 1)
         w = wp.where(squeezed, _SQUEEZED, 1.0) * yielding(corners, weights, ctx)
         if w == 0.0:
@@ -234,10 +194,16 @@ def make_press_on(features: Features):
         p = point_of(facet, weights)
         touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
         c = entry % ctx.colliders.shape[0]
-        gap = slack + gap_of(touching, slip, p)
+        before = wp.where(last.when == ctx.substep, last.so_far, wp.vec4(0.0))
+        gap, friction = touching[3] + NOISE, rubs(collider, ctx)
+        if wp.static(leans):
+            before *= ctx.step.effective * ctx.step.effective
+            gap = exact_gap(gap, wp.dot(slip, xyz(touching)), wp.length(p))
+            if last.lean[3] > 0.0:
+                friction = last.friction
+        gap += slack
         squeezed = is_between(squeezed, gap, slack, xyz(touching), c, ctx)
         gap = wp.where(keeps_a_corner(corners, collider, ctx), 0.0, gap)
-        before = so_far_of(last, ctx)
         if gap >= 0.0 and before[3] == 0.0 and not squeezed:
             return press
         gap += depth_before_middle(squeezed, collider, thickness)
@@ -246,7 +212,7 @@ def make_press_on(features: Features):
         more = outward(gap, w * before[3], softness) / w
         press.weights = weights
         press.so_far = pack(xyz(before), before[3] + more)
-        press = rubbed(press, last, facet, corners, n, friction_on(last, collider, ctx), ctx)
+        press = rubbed(press, last, facet, corners, n, friction, ctx)
         back = wp.transpose(sweep.to_local)
         press.normal = back * n
         press.push = more * press.normal
@@ -367,10 +333,6 @@ def _make_leaned(features: Features):
     pushed_on = make_pushed(features)
 
     @wp.func
-    def none(i: int, w: float, met: Met, ctx: Context) -> Push:
-        return Push()
-
-    @wp.func
     def leaned(i: int, w: float, met: Met, ctx: Context) -> Push:
         push = Push()
         if not ctx.last:
@@ -390,12 +352,12 @@ def _make_leaned(features: Features):
                     push = pushed_on(push, n, w * wp.dot(share, n), motion, entry, True, met, ctx)
         return push
 
-    return leaned if features.leans else none
+    return leaned
 
 
 def make_yield(features: Features):
     """Return the stage that moves particle i as its facets are pressed."""
-    least, touch, add_load = least_mass(features), make_touch(features), make_add_load(features)
+    least, touch = least_mass(features), make_touch(features)
     leave, leaned = make_leave(features), _make_leaned(features)
 
     @wp.func
@@ -404,7 +366,9 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        touched, push, displacement = bool(False), leaned(i, w, met, ctx), xyz(packed)
+        touched, push, displacement = bool(False), Push(), xyz(packed)
+        if wp.static(features.leans):
+            push = leaned(i, w, met, ctx)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
             if push.pressed > 0.0:

@@ -47,57 +47,54 @@ def without_twist(twist: Twist, first: wp.vec3) -> Twist:
     return twist
 
 
-def make_clamps(handles: bool):
-    """Return three Warp functions, for a scene with or without handles: clamped_by, clamp and turn_clamps."""
+@wp.func
+def clamped_by(i: int, j: int, ctx: Context) -> int:
+    """Return the holder of both particle i at an end and its neighbour j: 0 none, -1 pins, else 1 + handle."""
+    tip = wp.where(load4(ctx.x, i)[3] == 0.0, -1, 0)
+    neighbour = wp.where(load4(ctx.x, j)[3] == 0.0, -1, 0)
+    if ctx.handles.shape[0] > 0:
+        if tip == 0:
+            tip = int(grip_of(i, ctx)[3])
+        if neighbour == 0:
+            neighbour = int(grip_of(j, ctx)[3])
+    return wp.where(tip == 0 or neighbour == 0, 0, wp.max(tip, neighbour))
 
-    @wp.func
-    def clamped_by(i: int, j: int, ctx: Context) -> int:
-        """Return the holder of both particle i at an end and its neighbour j: 0 none, -1 pins, else 1 + handle."""
-        tip = wp.where(load4(ctx.x, i)[3] == 0.0, -1, 0)
-        neighbour = wp.where(load4(ctx.x, j)[3] == 0.0, -1, 0)
-        if wp.static(handles):
-            if tip == 0:
-                tip = int(grip_of(i, ctx)[3])
-            if neighbour == 0:
-                neighbour = int(grip_of(j, ctx)[3])
-        return wp.where(tip == 0 or neighbour == 0, 0, wp.max(tip, neighbour))
 
-    @wp.func
-    def turned_by(by: int, ahead: int, ctx: Context) -> wp.quat:
-        """Return the orientation of a clamp, `ahead` substeps after this one begins."""
-        q = wp.quat_identity()
-        if wp.static(handles):
-            if by > 0:
-                q = orientation_of(ctx.handles[by - 1], float(ctx.substep + ahead) / float(ctx.frame.substeps))
-        return q
+@wp.func
+def turned_by(by: int, ahead: int, ctx: Context) -> wp.quat:
+    """Return the orientation of a clamp, `ahead` substeps after this one begins."""
+    q = wp.quat_identity()
+    if by > 0:
+        q = orientation_of(ctx.handles[by - 1], float(ctx.substep + ahead) / float(ctx.frame.substeps))
+    return q
 
-    @wp.func
-    def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, ctx: Context) -> Twist:
-        """Turn the vectors of both ends, whose tangents are `first` and `last`, with their present clamps."""
-        if start_by != twist.start_by:
-            twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, ctx), twist.start)
-        if end_by != twist.end_by:
-            twist.end_own = wp.quat_rotate_inv(turned_by(end_by, 0, ctx), twist.end)
-        twist.start_by = start_by
-        twist.end_by = end_by
-        twist.start = across(first, wp.quat_rotate(turned_by(start_by, 1, ctx), twist.start_own))
-        twist.end = across(last, wp.quat_rotate(turned_by(end_by, 1, ctx), twist.end_own))
-        return twist
 
-    @wp.func
-    def clamp(
-        twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, ctx: Context
-    ) -> Twist:
-        """Start a twist with newly clamped ends: with the wanted angle at first, without twist after an end was free.
+@wp.func
+def turn_clamps(twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, ctx: Context) -> Twist:
+    """Turn the vectors of both ends, whose tangents are `first` and `last`, with their present clamps."""
+    if start_by != twist.start_by:
+        twist.start_own = wp.quat_rotate_inv(turned_by(start_by, 0, ctx), twist.start)
+    if end_by != twist.end_by:
+        twist.end_own = wp.quat_rotate_inv(turned_by(end_by, 0, ctx), twist.end)
+    twist.start_by = start_by
+    twist.end_by = end_by
+    twist.start = across(first, wp.quat_rotate(turned_by(start_by, 1, ctx), twist.start_own))
+    twist.end = across(last, wp.quat_rotate(turned_by(end_by, 1, ctx), twist.end_own))
+    return twist
 
-        carried: the vector of the start, carried along the rope to its end.
-        """
-        twist.angle = wp.where(twist.known == 0, twist.wanted, 0.0)
-        twist.turned = twist.wanted
-        twist.end = wp.quat_rotate(wp.quat_from_axis_angle(last, twist.angle - twist.wanted), carried)
-        twist.known = 1
-        twist.start_by = 0
-        twist.end_by = 0
-        return turn_clamps(twist, start_by, end_by, first, last, ctx)
 
-    return clamped_by, clamp, turn_clamps
+@wp.func
+def clamp(
+    twist: Twist, start_by: int, end_by: int, first: wp.vec3, last: wp.vec3, carried: wp.vec3, ctx: Context
+) -> Twist:
+    """Start a twist with newly clamped ends: with the wanted angle at first, without twist after an end was free.
+
+    carried: the vector of the start, carried along the rope to its end.
+    """
+    twist.angle = wp.where(twist.known == 0, twist.wanted, 0.0)
+    twist.turned = twist.wanted
+    twist.end = wp.quat_rotate(wp.quat_from_axis_angle(last, twist.angle - twist.wanted), carried)
+    twist.known = 1
+    twist.start_by = 0
+    twist.end_by = 0
+    return turn_clamps(twist, start_by, end_by, first, last, ctx)

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.twist.arrays import Twist
-from cloth_sim_ros.sim.features.twist.clamps import make_clamps, start_of, without_twist
+from cloth_sim_ros.sim.features.twist.clamps import clamp, clamped_by, start_of, turn_clamps, without_twist
 from cloth_sim_ros.sim.features.twist.spread import (
     AHEAD,
     FOLLOW,
@@ -88,9 +88,8 @@ def push_by_couples(i: int, ctx: Context):
     store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
 
 
-def _make_twist_anew(tangent_at, tangent_before, handles: bool):
+def _make_twist_anew(tangent_at, tangent_before):
     """Return a Warp function that finds the total twist of a body; see make_find_twist."""
-    clamped_by, clamp, turn_clamps = make_clamps(handles)
 
     @wp.func
     def carry(k: int, u: wp.vec3, t: wp.vec3, follows: bool, ctx: Context):
@@ -148,13 +147,13 @@ def _make_twist_anew(tangent_at, tangent_before, handles: bool):
     return twist_anew
 
 
-def make_find_twist(order: int, handles: bool):
+def make_find_twist(order: int):
     """Return a Warp function in which one thread computes the twist of a body and the couples of its joints.
 
-    order: order of the time integration. handles: True if the scene has handles, which may clamp the ends.
+    order: order of the time integration.
     """
     tangent_at, tangent_before = make_tangents(order)
-    twist_anew = _make_twist_anew(tangent_at, tangent_before, handles)
+    twist_anew = _make_twist_anew(tangent_at, tangent_before)
     spread, bend_joints = make_spread(tangent_at, tangent_before), make_bend_joints(tangent_at, tangent_before)
 
     @wp.func
