@@ -20,7 +20,7 @@ def source(module: str, *files: str, **constants: int) -> str:
 
 def on_cpu(code: str, otherwise: str = "") -> str:
     """Code that a CPU runs, while a GPU runs `otherwise`."""
-    return f"\n#if !defined(__CUDA_ARCH__)\n{code}#else\n{otherwise}\n#endif\n"
+    return f"\n#if !defined(__CUDA_ARCH__)\n{code}\n#else\n{otherwise}\n#endif\n"
 
 
 ROWS = source(__file__, "simd")  # fills and empties vectors of eight lanes
