@@ -23,8 +23,6 @@ from cloth_sim_ros.sim.kernels.intrinsics import flush_denormals, restore_mode
 from cloth_sim_ros.sim.program import make_enter, make_program
 
 _KEPT = 8  # number of recorded frames, each for one pair of substeps and iterations
-
-
 Call = Callable[[], None]  # an element of a frame
 
 
