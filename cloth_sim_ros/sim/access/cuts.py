@@ -14,13 +14,24 @@ _OFF_PLANE = 1e-3  # fraction of a polygon's size by which a corner may lie off 
 
 
 class Cuts:
-    """Cuts the objects of `bodies` that tear."""
+    """Cuts the objects of a simulation that tear."""
 
-    def __init__(self, bodies: Bodies) -> None:
-        self._bodies = bodies
+    _bodies: Bodies
 
     def cut(self, name: str, polygon: Any, world: Any = None) -> int:
-        """See Simulation.cut."""
+        """Cut a sheet: every spring that crosses a planar polygon fails for good.
+
+        Args:
+            name: The sheet; it must have a tear_strain above 0.
+            polygon: Corners (n, 3) [m], 3 or more.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Returns:
+            The number of structural and shear springs that failed, over all worlds that are cut.
+
+        Raises:
+            ValueError: The object does not tear, or the polygon is not flat or has no area.
+        """
         topology, some = self._bodies.topology(name), self._bodies.some(world)
         if topology.tear_strain <= 0.0:
             if not len(topology.triangles):

@@ -72,36 +72,23 @@ def find_broken(
 
 
 class Hands:
-    """The handles of a simulation. Raises ValueError for a name, a world or a value that is not allowed.
+    """The handles of a simulation. Raises ValueError for a name, a world or a value that is not allowed."""
 
-    objects: handle -> the one object that it grasps, "" is any. breaks: number of times each handle let go under load,
-    (worlds, H). loads: forces and torques on the handles.
-    """
+    _bodies: Bodies
+    _loads: dict[str, Loads]  # forces and torques on "colliders" and "handles"
+    _leaves: wp.array  # (worlds, H) int, nonzero for handles that let go now
 
-    def __init__(self, bodies: Bodies) -> None:
-        self._bodies = bodies
-        shape, device = (bodies.worlds, len(bodies.scene.handles)), bodies.warp_device
-        self.loads = Loads(bodies, "handles", shape[1])
-        self._leaves, self.breaks = (wp.zeros(shape, dtype=int, device=device) for _ in range(2))
-        self.objects = {name: handle.object for name, handle in bodies.scene.handles.items()}
-        self._breakable = False
-
-    def write_scene(self) -> None:
+    def _write_handles(self) -> None:
         """Write all handles as the scene describes them."""
         for name, handle in self._bodies.scene.handles.items():
-            self.place(name, None)
-            self._write(name, None, reach=extents(handle.reach), compliance=handle.compliance)
-            self._write(name, None, break_force=handle.break_force)
+            self._place_handle(name, None)
+            numbers = {"compliance": handle.compliance, "break_force": handle.break_force}
+            self._write_handle(name, None, reach=extents(handle.reach), **numbers)
 
-    def _write(self, name: str, world: WorldSelection, **numbers: Any) -> None:
-        self._bodies.handles.write(self._row(name), world, **numbers)
-        self.find_breakable()
+    def _write_handle(self, name: str, world: WorldSelection, **numbers: Any) -> None:
+        self._bodies.handles.write(self._handle(name), world, **numbers)
 
-    def find_breakable(self) -> None:
-        """Note if any handle has a break_force."""
-        self._breakable = bool((self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any())
-
-    def place(self, name: str, world: WorldSelection) -> None:
+    def _place_handle(self, name: str, world: WorldSelection) -> None:
         """Put a handle at its pose in the scene."""
         handle = self._bodies.scene.handles[name]
         self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
@@ -114,11 +101,23 @@ class Hands:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """See Simulation.set_handle_pose."""
-        some = self._bodies.some(world)
-        self._bodies.handles.reach(self._row(name), some, name, (position, orientation), sweep)
+        """Move a handle, and the particles it holds, to a pose.
 
-    def set(self, name: str, field: str, value: Any, world: WorldSelection) -> None:
+        Args:
+            name: The handle.
+            position: (3,) [m], or an array whose first axis is all worlds.
+            orientation: Quaternion (4,) x y z w, or an array whose first axis is all worlds.
+            sweep: If True, the handle reaches the pose at the end of the next frame. If False, it is there at once:
+                for placing an empty handle, as a jump would tear along the particles it holds.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such handle, or the pose is not allowed.
+        """
+        some = self._bodies.some(world)
+        self._bodies.handles.reach(self._handle(name), some, name, (position, orientation), sweep)
+
+    def _set_handle(self, name: str, field: str, value: Any, world: WorldSelection) -> None:
         """Set a live parameter of a handle; `attached` grasps or releases."""
         try:
             row = table.row(table.HANDLE, field)
@@ -127,7 +126,7 @@ class Hands:
             raise ValueError(f"there is no parameter '{name}.{field}'; allowed is one of {live}") from None
         where = f"{name}.{field}"
         if field == "reach":
-            self._write(name, world, reach=extents(checked_reach(value, where)))
+            self._write_handle(name, world, reach=extents(checked_reach(value, where)))
             return
         value = check_worlds(row, value, where, self._bodies.worlds, world)
         if field == "attached":
@@ -137,71 +136,76 @@ class Hands:
                 raise ValueError(
                     f"{where} is {value!r}; allowed is '' or one of {names_of(self._bodies.scene.objects)}"
                 )
-            self.objects[name] = value
+            self._bodies.grasps[name] = value
         elif field in ("compliance", "break_force"):
-            self._write(name, world, **{field: value})
+            self._write_handle(name, world, **{field: value})
         else:
             raise ValueError(f"{where} is not set while running; allowed is set_handle_pose")
 
     def attach(self, name: str, world: Any = None) -> int | np.ndarray:
-        """See Simulation.attach."""
+        """Grasp the free particles within reach of a handle; return how many it holds now, see `held`."""
         self._grasp(name, self._bodies.some(world))
         return self.held(name, world)
 
     def _grasp(self, name: str, some: WorldSelection) -> None:
-        h, chosen = self._row(name), self._bodies.chosen(some)
+        h, chosen = self._handle(name), self._bodies.chosen(some)
         self._bodies.wake()
         self._bodies.handles.upload()
-        for body, (batch, given, b, count) in self._each().items():
-            if self.objects[name] in ("", body) and len(chosen):
+        for body, (batch, given, b, count) in self._each_object().items():
+            if self._bodies.grasps[name] in ("", body) and len(chosen):
                 inputs = [given, b, h, chosen, count]
                 wp.launch(grasp, dim=len(chosen) * count, inputs=inputs, device=batch.device)
 
     def release(self, name: str, world: Any = None) -> None:
-        """See Simulation.release."""
+        """Release all particles that a handle holds; they keep their velocities."""
         self._let_go(name, self._bodies.some(world))
 
     def _let_go(self, name: str, some: WorldSelection) -> None:
         leaves = np.zeros(self._leaves.shape, dtype=np.int32)
-        leaves[worlds_of(some), self._row(name)] = 1
+        leaves[worlds_of(some), self._handle(name)] = 1
         self._leaves.assign(leaves)
         self._bodies.wake()
-        self._drop()
+        self._let_chosen_go()
 
     def held(self, name: str, world: Any = None) -> int | np.ndarray:
-        """See Simulation.held."""
-        h, some = self._row(name), self._bodies.some(world)
+        """Number of particles that a handle holds: in one world, or in each of several (None: all)."""
+        h, some = self._handle(name), self._bodies.some(world)
         counts = self._bodies.handle_counts.numpy()[worlds_of(some), h]
         return int(counts[0]) if isinstance(some, int) or self._bodies.worlds == 1 else counts.copy()
 
     def broken(self, name: str, world: int = 0) -> int:
-        """See Simulation.broken."""
-        return int(self.breaks.numpy()[self._bodies.one(world), self._row(name)])
+        """Number of times a handle let go because its load exceeded its break_force."""
+        return int(self._bodies.handle_breaks.numpy()[self._bodies.one(world), self._handle(name)])
 
     def handle_position(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.handle_position."""
-        return self._bodies.handles.read(self._row(name), self._bodies.one(world))["end_position"][0].copy()
+        """Position (3,) [m] of a handle at the end of the last frame."""
+        return self._bodies.handles.read(self._handle(name), self._bodies.one(world))["end_position"][0].copy()
 
     def handle_wrench(self, name: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """See Simulation.handle_wrench."""
-        load = self.handle_wrenches(world)[self._row(name)].astype(np.float64)
+        """Force (3,) [N] and torque (3,) [N m] on a handle about its origin, in world axes, mean over the last frame.
+
+        The weight of a cloth that hangs from the handle points down.
+        """
+        load = self.handle_wrenches(world)[self._handle(name)].astype(np.float64)
         return load[:3], load[3:]
 
     def handle_wrenches(self, world: int = 0) -> np.ndarray:
-        """See Simulation.handle_wrenches."""
-        return self.loads.read(world)
+        """Wrenches of all handles (H, 6) float32: force [N], then torque [N m], see `handle_wrench`."""
+        return self._loads["handles"].read(world)
 
     @property
-    def ending(self) -> Callable[[], None] | None:
+    def _ending(self) -> Callable[[], None] | None:
         """Function to launch at the end of a frame, which releases overloaded handles; None if none can break."""
-        return self._judge if self._breakable else None
+        breaks = (self._bodies.handles.mirrors()["rows"]["break_force"] > 0.0).any()
+        return self._let_overloaded_go if breaks else None
 
-    def _judge(self) -> None:
-        inputs = [self._bodies.handles.array, self.loads.measure(), self._leaves, self.breaks]
-        wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=self._bodies.warp_device)
-        self._drop()
+    def _let_overloaded_go(self) -> None:
+        bodies, loads = self._bodies, self._loads["handles"].measure()
+        inputs = [bodies.handles.array, loads, self._leaves, bodies.handle_breaks]
+        wp.launch(find_broken, dim=self._leaves.shape, inputs=inputs, device=bodies.warp_device)
+        self._let_chosen_go()
 
-    def reset(self, some: WorldSelection) -> None:
+    def _reset_handles(self, some: WorldSelection) -> None:
         """Put handles back to their poses in the scene; attached ones grasp again.
 
         The objects must have been reset before, so that nothing holds them.
@@ -211,11 +215,11 @@ class Hands:
         counts = self._bodies.handle_counts
         clear(counts, slice(0, counts.shape[1]), self._bodies.chosen(some))
         for name, handle in self._bodies.scene.handles.items():
-            self.place(name, some)
+            self._place_handle(name, some)
             if handle.attached:
                 self._grasp(name, some)
 
-    def take_over(self, name: str, other: Hands) -> None:
+    def _take_over_grasps(self, name: str, other: Hands) -> None:
         """Let handles hold an object, in all worlds, as handles of the same names do in another simulation.
 
         The first world of the other simulation counts.
@@ -228,9 +232,9 @@ class Hands:
         rows[:, 3] = renamed[rows[:, 3].astype(int)]
         self._bodies.batch[name].write_rows("grips", name, rows)
         self._bodies.wake()
-        self._count()
+        self._count_held()
 
-    def _count(self) -> None:
+    def _count_held(self) -> None:
         """Recount the held particles of each handle and of each body in every world."""
         counts = np.zeros(self._bodies.handle_counts.shape, dtype=np.int32)
         for name, batch in self._bodies.batch.items():
@@ -240,10 +244,10 @@ class Hands:
                 counts[:, h] += (numbers == h + 1).sum(axis=1)
         self._bodies.handle_counts.assign(counts)
 
-    def _row(self, name: str) -> int:
+    def _handle(self, name: str) -> int:
         return named(self._bodies.handle_row, name, "handle")
 
-    def _each(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
+    def _each_object(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
         """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""
         found = {}
         arrays = dict(zip(map(id, self._bodies.batches), self._bodies.arrays(), strict=True))
@@ -252,7 +256,7 @@ class Hands:
             found[name] = (batch, arrays[id(batch)], b, batch.counts[b])
         return found
 
-    def _drop(self) -> None:
-        for batch, given, b, count in self._each().values():
+    def _let_chosen_go(self) -> None:
+        for batch, given, b, count in self._each_object().values():
             dim = self._bodies.worlds * count
             wp.launch(let_go, dim=dim, inputs=[given, b, self._leaves, count], device=batch.device)

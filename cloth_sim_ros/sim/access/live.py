@@ -16,7 +16,6 @@ from cloth_sim_ros.sim.access.scales import set_scale
 from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
-from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of
 from cloth_sim_ros.sim.input.numbers import place_of
@@ -27,11 +26,8 @@ from cloth_sim_ros.sim.substeps.limits import check_explicit
 _FAR_AWAY = 1e30  # negative reach [m] of a missing collider
 
 
-class Live:
+class Live(Ropes, Hands):
     """Changes live parameters and colliders of a running simulation."""
-
-    def __init__(self, bodies: Bodies, ropes: Ropes, hands: Hands) -> None:
-        self._bodies, self._ropes, self._hands = bodies, ropes, hands
 
     def set_collider_pose(
         self,
@@ -41,12 +37,37 @@ class Live:
         sweep: bool = True,
         world: Any = None,
     ) -> None:
-        """See Simulation.set_collider_pose."""
+        """Move a collider to a pose.
+
+        Args:
+            name: The collider.
+            position: (3,) [m], or an array whose first axis is all worlds.
+            orientation: Quaternion (4,) x y z w, or an array whose first axis is all worlds.
+            sweep: If True, the collider sweeps to the pose and reaches it at the end of the next frame. If False, it is
+                there at once, without a motion: for placing it, not for pushing.
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such collider, or the pose is not allowed.
+        """
         row, some = named(self._bodies.collider_row, name, "collider"), self._bodies.some(world)
         self._bodies.colliders.reach(row, some, name, (position, orientation), sweep)
 
     def squeeze(self, name: str, load: float, gap: float, world: Any = None) -> None:
-        """See Simulation.squeeze."""
+        """Let a collider and its opposite one press on what both touch, from the next frame on.
+
+        Each point between them is pressed from both sides by `load`, beyond what its depth gives, until it leaves the
+        space between them. Friction and wrenches have the load. Points that one of them touches alone have none.
+
+        Args:
+            name: One of two colliders that are each other's `opposite`.
+            load: On each point [N]; 0 is none.
+            gap: Distance between the two surfaces [m].
+            world: The number of a world, a mask (worlds,) of bool, or None for all.
+
+        Raises:
+            ValueError: There is no such collider, or the load is not allowed.
+        """
         bodies, some = self._bodies, self._bodies.some(world)
         load = table.check(table.row(table.GRIPPER, "force"), load, f"the load of {name}")
         collider = bodies.scene.colliders.get(name)
@@ -58,18 +79,21 @@ class Live:
         squeezes = (bodies.colliders.mirrors()["rows"]["squeeze"] > 0.0).any(axis=1)
         bodies.frame.write(0, None, squeezes=squeezes)
 
-    def is_squeezing(self, name: str, world: int) -> bool:
-        """See Simulation.is_squeezing."""
+    def is_squeezing(self, name: str, world: int = 0) -> bool:
+        """True if a collider and its opposite one squeezed anything in the last frame, see `squeeze`."""
         row, colliders = named(self._bodies.collider_row, name, "collider"), self._bodies.colliders.array.shape[1]
         rows = [batch.states["squeezed_in"].numpy()[world, row::colliders] for batch in self._bodies.batches]
         return any(found.any() for found in rows)
 
-    def thinnest(self, world: int) -> float:
-        """See Simulation.thinnest."""
+    def thinnest(self, world: int = 0) -> float:
+        """Least thickness, or radius, of the objects [m]."""
         return min(float(batch.materials.mirrors()["rows"]["thickness"][world].min()) for batch in self._bodies.batches)
 
     def add_collider(self, name: str, collider: Collider) -> None:
-        """See Simulation.add_collider."""
+        """Add a collider of one of SPARE_SHAPES in all worlds, from the next frame on.
+
+        It replaces an added collider of the same name. Raises ValueError if no spare collider is left.
+        """
         bodies, named = self._bodies, self._bodies.scene
         if not isinstance(collider, Collider) or shape_of(collider) not in SPARE_SHAPES:
             raise ValueError(f"{name} is {collider!r}; allowed is a {', '.join(SPARE_SHAPES)}")
@@ -85,7 +109,7 @@ class Live:
         self._write_collider(row, collider)
 
     def remove_collider(self, name: str) -> None:
-        """See Simulation.remove_collider."""
+        """Remove an added collider."""
         bodies = self._bodies
         added = [each for each, row in bodies.collider_row.items() if row >= bodies.fixed]
         if name not in added:
@@ -93,11 +117,24 @@ class Live:
         self._write_none(bodies.forget_collider(name))
 
     def set_wind(self, velocity: Any, world: Any = None) -> None:
-        """See Simulation.set_wind."""
+        """Set the wind velocity [m/s] from the next frame on."""
         self.set("wind.velocity", velocity, world)
 
     def set(self, name: str, value: Any, world: Any = None) -> None:
-        """See Simulation.set."""
+        """Set a live parameter.
+
+        Setting a scale restarts the object with its rest shape scaled; all else stays as set, the total mass too. A
+        sheet grows about its position, a rope from its start.
+
+        Args:
+            name: Such as "cloth.stretch_compliance", "cloth.mass", "cloth.scale", "ball.radius", "gravity" or
+                "solver.substeps".
+            value: One value, or an array whose first axis is all worlds.
+            world: The number of a world, a mask (worlds,) of bool, or None for all. Solver settings take None only.
+
+        Raises:
+            ValueError: The name or value is not allowed; nothing changes then.
+        """
         if not isinstance(name, str):
             raise ValueError(f"set is given the name {name!r}; allowed is text such as 'gravity' or 'cloth.mass'")
         owner, _, field = name.rpartition(".")
@@ -113,9 +150,9 @@ class Live:
                 raise ValueError(f"{name} is set but the scene has no wind; allowed is a scene built with one")
             self._set_frame(_live(table.WIND, field, name), name, value, world)
         elif owner.endswith(".winch") and owner.removesuffix(".winch") in self._bodies.scene.objects:
-            self._ropes.set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
+            self._set_winch(owner.removesuffix(".winch"), _live(table.WINCH, field, name), name, value, world)
         elif owner in self._bodies.scene.handles:
-            self._hands.set(owner, field, value, world)
+            self._set_handle(owner, field, value, world)
         elif owner in self._bodies.scene.objects:
             self._set_material(owner, field, name, value, world)
         elif owner in self._bodies.scene.colliders:
@@ -160,7 +197,7 @@ class Live:
                 rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, None), None)
                 self._check_explicit(owner, rows, substeps=value)
         self._bodies.change_setting(row.name, value)
-        self.write_settings()
+        self._write_settings()
         self._bodies.choose_again()
 
     def _check_explicit(self, owner: str, rows: np.ndarray, **changed: Any) -> None:
@@ -230,10 +267,10 @@ class Live:
 
     # -- host mirrors of the device's structs --------------------------------------------------------------------
 
-    def write_settings(self) -> None:
+    def _write_settings(self) -> None:
         self._bodies.frame.write(0, None, global_damping=self._bodies.settings.global_damping)
 
-    def write_scene(self) -> None:
+    def _write_scene(self) -> None:
         self._bodies.frame.write(0, None, gravity=self._bodies.scene.gravity)
         if self._bodies.scene.wind is not None:
             for row in table.WIND:
@@ -242,9 +279,9 @@ class Live:
         for name, thing in self._bodies.scene.objects.items():
             self._write_material(name, thing)
             if isinstance(thing, Rope):
-                self._ropes.write_rope(name, thing)
+                self._write_rope(name, thing)
         self._place_colliders()
-        self._hands.write_scene()
+        self._write_handles()
 
     def _write_material(self, name: str, thing: Cloth | Rope) -> None:
         batch = self._bodies.batch[name]

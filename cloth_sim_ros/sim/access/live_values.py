@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.numbers import place_of
@@ -20,7 +19,7 @@ COMPLIANCES = {"stretch_compliance": 0, "shear_compliance": 1, "twist_compliance
 OF_FRAME = {"velocity": "wind", "drag_coefficient": "drag", "lift_coefficient": "lift"}
 
 
-def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
+def live_value(bodies: Bodies, name: str, world: int) -> Any:
     """Return the value of a live parameter in one world.
 
     The `position` or `orientation` of a collider or handle is that at the end of the last frame. A number is the
@@ -45,7 +44,7 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
         )
         found = _decimal(rows.read(row[owner], world)[f"end_{field}"][0])
     elif owner in scene.handles and _is_live(table.HANDLE, field):
-        found = _of_handle(bodies, hands, owner, field, world)
+        found = _of_handle(bodies, owner, field, world)
     elif owner in scene.colliders and _is_live(table.COLLIDER, field):
         found = _decimal(bodies.colliders.read(bodies.collider_row[owner], world)[field][0])
     elif owner in scene.colliders and _is_live(scene.colliders[owner].dimensions, field):
@@ -61,11 +60,11 @@ def live_value(bodies: Bodies, hands: Hands, name: str, world: int) -> Any:
     return found
 
 
-def _of_handle(bodies: Bodies, hands: Hands, name: str, field: str, world: int) -> Any:
+def _of_handle(bodies: Bodies, name: str, field: str, world: int) -> Any:
     if field == "attached":
-        return hands.held(name, world) > 0
+        return bool(bodies.handle_counts.numpy()[world, bodies.handle_row[name]] > 0)
     if field == "object":
-        return hands.objects[name]
+        return bodies.grasps[name]
     row = bodies.handles.read(bodies.handle_row[name], world)
     if field != "reach":
         return _decimal(row[field][0])

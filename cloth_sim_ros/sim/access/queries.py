@@ -19,40 +19,46 @@ from cloth_sim_ros.sim.topology import KINDS
 class Queries:
     """Reads objects by name; methods that read the state wait for the device.
 
-    Raises ValueError for a name or a world that does not exist. loads: forces and torques on colliders.
+    Raises ValueError for a name or a world that does not exist.
     """
 
-    def __init__(self, bodies: Bodies) -> None:
-        self._bodies = bodies
-        self.loads = Loads(bodies, "colliders", bodies.colliders.array.shape[1])
+    _bodies: Bodies
+    _loads: dict[str, Loads]  # forces and torques on "colliders" and "handles"
 
     def masses(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.masses."""
+        """Masses (N,) float64 [kg] in one world, pinned particles included."""
         self._bodies.topology(name)
         return self._bodies.batch[name].masses.of(self._bodies.batch[name].index[name], self._bodies.one(world))
 
     def triangles(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.triangles."""
+        """Triangles (T, 3) int32, counter-clockwise seen from their normals; none for a rope.
+
+        A sheet that tears returns the triangles that are left in one world.
+        """
         if self.tears(name):
             rows = self.panels_left(name, self._bodies.one(world)).numpy()
             return rows[rows[:, 0] != rows[:, 1]]
         return self._bodies.topology(name).triangles.astype(np.int32)
 
     def tears(self, name: str) -> bool:
-        """See Simulation.tears."""
+        """Return True if an object can tear."""
         return self._bodies.topology(name).tear_strain > 0.0
 
     def panels_left(self, name: str, world: int) -> wp.array:
-        """See Simulation.panels_left."""
+        """Triangles (T,) vec3i of a sheet that tears, on the device; failed triangles have three equal corners."""
         batch = self._bodies.batch[name]
         return batch.worlds[world].state.tearing.panels[batch.panels(name)]
 
     def rest_positions(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.rest_positions."""
+        """Rest positions (N, 3) float32 [m] in one world, at the object's place in the scene."""
         return self._bodies.topology(name).rest_in(self._bodies.one(world)).astype(np.float32)
 
     def springs(self, name: str, world: int = 0) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """See Simulation.springs."""
+        """Return kind -> (pairs, rest_length, constant) of the springs as they are now.
+
+        pairs is (S, 2) int, rest_length (S,) [m], and constant (S,) [N/m], infinite for rigid springs. The springs of a
+        mesh with a shear_compliance are coupled, so that they alone do not say its energy.
+        """
         topo, batch = self._bodies.topology(name), self._bodies.batch[name]
         kinds = dict(topo.springs)
         if topo.chain is not None:
@@ -68,42 +74,65 @@ class Queries:
         return found
 
     def stitches(self, seam: str, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See Simulation.stitches."""
+        """Return the stitches of a seam in one world, in the order of its lines.
+
+        Args:
+            seam: The name of a seam.
+            world: The number of the world.
+
+        Returns:
+            gaps (E, 3) [m], from the point of the second object to that of the first; forces (E, 3) [N] on the point of
+            the first object in the last substep; and broken (E,) of bool.
+
+        Raises:
+            ValueError: There is no such seam.
+        """
         return read_stitches(self._bodies, seam, world)
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
-        """See Simulation.torn."""
+        """Return kind -> (S,) bool, True for each of `springs` that failed in one world.
+
+        Raises ValueError if the object does not tear.
+        """
         if not self.tears(name):
             raise ValueError(f"{name} does not tear; allowed is an object with a tear_strain above 0")
         batch = self._bodies.batch[name]
         return {kind: rows[0] for kind, rows in batch.torn.read(batch.index[name], self._bodies.one(world)).items()}
 
     def positions(self, name: str, world: Any = 0) -> np.ndarray:
-        """See Simulation.positions."""
-        return self._rows("positions", name, world)
+        """Positions (N, 3) float32 [m] in one world, or (k, N, 3) in several (None: all), in one copy."""
+        return self._read("positions", name, world)
 
     def velocities(self, name: str, world: Any = 0) -> np.ndarray:
-        """See Simulation.velocities."""
-        return self._rows("velocities", name, world)
+        """Velocities (N, 3) float32 [m/s] in one world, or (k, N, 3) in several (None: all), in one copy."""
+        return self._read("velocities", name, world)
 
-    def _rows(self, what: str, name: str, world: Any) -> np.ndarray:
+    def _read(self, what: str, name: str, world: Any) -> np.ndarray:
         self._bodies.topology(name)
         some = self._bodies.some(world)
         rows = self._bodies.batch[name].read_rows(what, name, some if isinstance(some, int) else None)[:, :, :3]
         return np.ascontiguousarray(rows[0] if isinstance(some, int) else rows[worlds_of(some)])
 
     def wrench(self, collider: str, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """See Simulation.wrench."""
+        """Force (3,) [N] and torque (3,) [N m] of all objects on a collider, about its origin, in world axes.
+
+        Both are means over the last frame. The torque uses particle positions at the end of the frame. The weight of a
+        cloth that lies on the collider points down.
+        """
         row = named(self._bodies.collider_row, collider, "collider")
         load = self.wrenches(world)[row].astype(np.float64)
         return load[:3], load[3:]
 
     def wrenches(self, world: int = 0) -> np.ndarray:
-        """See Simulation.wrenches."""
-        return self.loads.read(world)
+        """Wrenches of all rows of colliders (K, 6) float32: force [N], then torque [N m], see `wrench`."""
+        return self._loads["colliders"].read(world)
 
     def device_arrays(self, name: str, world: int = 0, writes: bool = True) -> tuple[Arrays, slice, wp.Device]:
-        """See Simulation.device_arrays."""
+        """Return the arrays of an object's batch in one world, the slice of its particles in them, and the device.
+
+        They are valid until `builds` changes. Method auto may rebuild them when live parameters or positions are set.
+        A caller that `writes` to them wakes bodies at rest.
+        """
         self._bodies.topology(name)
         if writes:
             self._bodies.wake()

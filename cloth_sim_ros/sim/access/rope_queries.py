@@ -15,38 +15,52 @@ from cloth_sim_ros.sim.access.twist import directors, measure_twist, read_twist
 from cloth_sim_ros.sim.access.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
 from cloth_sim_ros.sim.engine.batch import Batch
-from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
 from cloth_sim_ros.sim.scene.objects import Rope
 
 
-class Ropes:
+class Ropes(Queries):
     """Reads and writes quantities that only ropes have."""
 
-    def __init__(self, bodies: Bodies, queries: Queries) -> None:
-        self._bodies, self._queries = bodies, queries
-        # Tensions of all worlds, valid for this number of builds.
-        self._pulls: dict[str, tuple[Tensions, wp.array]] = {}
-        self._builds = 0
+    # Tensions of all worlds, valid for this number of builds.
+    _pulls: dict[str, tuple[Tensions, wp.array]]
+    _builds_of_pulls: int
 
-    def drum(self, name: str, world: int) -> int:
+    def _drum(self, name: str, world: int) -> int:
         """Index of a rope's first segment that is off the drum."""
         batch = self._bodies.batch[name]
         return int(batch.read_body("winches", name, world)["index"][0, 0]) if batch.features.winch else 0
 
     def tensions(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.tensions."""
+        """Tensions (S,) float32 [N] of a rope's segments at the end of the last substep in one world.
+
+        Rigid segments have tensions too. A tension is below 0 for a compressed segment, and 0 for a segment on a winch.
+        Raises ValueError for a cloth.
+        """
         return read_tensions(self._rope_batch(name), name, self._bodies.one(world))
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
-        """See Simulation.tensions_into."""
+        """Return an object whose launch() writes the tensions of a rope into a column of a device array.
+
+        Args:
+            out: (N, columns) float on the device, one row per particle.
+            column: The column to write.
+            name: The rope.
+            world: The number of the world.
+
+        Returns:
+            A Tensions, valid until `builds` changes.
+
+        Raises:
+            ValueError: The object is a cloth.
+        """
         return Tensions(self._rope_batch(name), name, self._bodies.one(world), out.reshape((1, *out.shape)), column)
 
-    def tensions_of_all(self, name: str) -> wp.array:
+    def _tensions_of_all(self, name: str) -> wp.array:
         """Tensions (worlds, S) float [N], on the device. Raises ValueError for a cloth."""
         batch = self._rope_batch(name)
-        if self._builds != self._bodies.builds:
-            self._pulls, self._builds = {}, self._bodies.builds
+        if self._builds_of_pulls != self._bodies.builds:
+            self._pulls, self._builds_of_pulls = {}, self._bodies.builds
         if name not in self._pulls:
             count = len(self._bodies.topology(name).masses)
             out = wp.zeros((self._bodies.worlds, count, 1), dtype=float, device=batch.device)
@@ -56,21 +70,33 @@ class Ropes:
         return out[:, :-1, 0]
 
     def directors(self, name: str, world: int | None = 0) -> np.ndarray:
-        """See Simulation.directors."""
+        """Unit vectors (S, 3) float64 across a rope's segments, which turn with its material, in one world.
+
+        They are those of the last substep, (worlds, S, 3) in all worlds for None. Raises ValueError if the object does
+        not resist twist.
+        """
         if getattr(self._bodies.scene.objects.get(name), "twist_compliance", None) is None:
             raise ValueError(f"{name} does not resist twist; allowed is a rope with twist_compliance")
         batch, world = self._bodies.batch[name], None if world is None else self._bodies.one(world)
-        points = self._queries.positions(name, world).astype(np.float64)
+        points = self.positions(name, world).astype(np.float64)
         angles = batch.part("twisted", batch.segments(name), world).numpy()["angle"].reshape(*points.shape[:-2], -1)
         start = read_twist(batch, name, world)["start"].reshape(*points.shape[:-2], 3)
         return directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
-        """See Simulation.end_wrenches."""
+        """Loads (2, 6) float32 of a rope on the supports of its start and its end, in one world.
+
+        Each row is force [N], then torque [N m] about the end particle, in world axes. All particles held from an end
+        on count, with their weight. With a clamp of two particles the torque is the clamping moment. A free end has no
+        load. Raises ValueError for a cloth.
+        """
         return read_wrenches(self._rope_batch(name), name, self._bodies.one(world))
 
     def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
-        """See Simulation.end_wrenches_into."""
+        """Return an object that writes the end wrenches of a rope into a device array (2, 6) float.
+
+        It is valid until `builds` changes. Raises ValueError for a cloth.
+        """
         return EndWrenches(self._rope_batch(name), name, self._bodies.one(world), out)
 
     def _rope_batch(self, name: str) -> Batch:
@@ -80,12 +106,12 @@ class Ropes:
             raise ValueError(f"{name} is a cloth, which has no tension along it and no ends; allowed is a rope")
         return self._bodies.batch[name]
 
-    def measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
+    def _measure_rope(self, name: str, thing: Rope, world: int) -> dict[str, float]:
         """Return the part of `report` that only ropes have."""
         pull = self.tensions(name, world)
         found = {
             "max_tension": float(pull.max()),
-            "start_tension": float(pull[self.drum(name, world)]),
+            "start_tension": float(pull[self._drum(name, world)]),
             "end_tension": float(pull[-1]),
         }
         if thing.winch is not None:
@@ -94,17 +120,17 @@ class Ropes:
             found |= measure_twist(self._bodies.batch[name], name, world)
         return found
 
-    def write_rope(self, name: str, thing: Rope) -> None:
+    def _write_rope(self, name: str, thing: Rope) -> None:
         """Write the scene's live numbers of a rope in all worlds."""
         batch = self._bodies.batch[name]
         if thing.winch is not None:
             write_winch(batch, name, thing.winch)
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
-            self.write_turns(name, "rest_turns", self._bodies.topology(name).rest_turns, None)
+            self._write_turns(name, "rest_turns", self._bodies.topology(name).rest_turns, None)
 
-    def write_turns(self, name: str, what: str, turns: np.ndarray, mask: Any) -> None:
-        """Write "rest_turns" (S - 1, 2) [-] or "lags" (S,) [rad] of a rope, or a row a world; see Simulation.write."""
+    def _write_turns(self, name: str, what: str, turns: np.ndarray, mask: Any) -> None:
+        """Write "rest_turns" (S - 1, 2) [-] or "lags" (S,) [rad] of a rope, or a row a world; see `Tensors.write`."""
         if not np.isfinite(turns).all():
             raise ValueError(f"{name} {what} hold a number that is not finite; allowed are finite numbers")
         batch = self._bodies.batch[name]
@@ -117,7 +143,7 @@ class Ropes:
         into[some, : shape[0]] = np.broadcast_to(turns, (len(rows), *shape))[some]
         part.assign(rows)
 
-    def set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
+    def _set_winch(self, owner: str, row: table.Parameter, name: str, value: Any, world: WorldSelection) -> None:
         if getattr(self._bodies.scene.objects[owner], "winch", None) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
         value = check_worlds(row, value, name, self._bodies.worlds, world)

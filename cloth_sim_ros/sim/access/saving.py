@@ -18,7 +18,6 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.saved_file import (
     ALLOWED,
     SavedFile,
@@ -46,10 +45,10 @@ _MOST = {"iterations": table.row(table.SOLVER, "iterations").high}  # of a Choic
 
 
 class Saving:
-    """Saves and loads the state of `bodies` and `hands`."""
+    """Saves and loads the state of `bodies`."""
 
-    def __init__(self, bodies: Bodies, hands: Hands) -> None:
-        self._bodies, self._hands = bodies, hands
+    def __init__(self, bodies: Bodies) -> None:
+        self._bodies = bodies
 
     def save(self, path: str | os.PathLike, frames: int, notes: Any) -> None:
         """Write the whole state, the number of frames so far and `notes`. Raises ValueError."""
@@ -64,7 +63,7 @@ class Saving:
             "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.as_chosen.items()},
             "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
-            "grasps": self._hands.objects,
+            "grasps": bodies.grasps,
             "wakes": bodies.wakes(),
             "bounds": bodies.bounds(),
             "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
@@ -111,8 +110,7 @@ class Saving:
             rows.touch()
         self._bodies.find_sharpest(self._bodies.scene.colliders)
         self._bodies.write_data()  # addresses of another process mean nothing here
-        self._hands.objects = grasps
-        self._hands.find_breakable()
+        self._bodies.grasps = grasps
         return frames, wakes, notes
 
     def _check_structure(self, path: Path, theirs: dict[str, str]) -> None:
@@ -161,13 +159,13 @@ class Saving:
 
     def _grasps(self, grasps: dict[str, str]) -> dict[str, str]:
         """Check that the object that each handle grasps exists. Raises ValueError."""
-        if grasps.keys() != self._hands.objects.keys() or {*grasps.values()} - {"", *self._bodies.scene.objects}:
+        if grasps.keys() != self._bodies.grasps.keys() or {*grasps.values()} - {"", *self._bodies.scene.objects}:
             raise ValueError(f"its handles grasp {table.shown(grasps)}")
         return grasps
 
     def _arrays(self, bodies: Bodies) -> dict[str, wp.array | np.ndarray]:
         """Name -> array of everything that varies: state on the device, live numbers on the host."""
-        found = {"handles/counts": bodies.handle_counts, "handles/breaks": self._hands.breaks}
+        found = {"handles/counts": bodies.handle_counts, "handles/breaks": bodies.handle_breaks}
         for k, batch in enumerate(bodies.batches):
             found |= {f"batch{k}/{name}": rows for name, rows in batch.states.items()}
             if batch.measurement is not None:

@@ -13,7 +13,6 @@ from cloth_sim_ros.sim.access.loads import Loads
 from cloth_sim_ros.sim.access.rope_queries import Ropes
 from cloth_sim_ros.sim.arrays.poses import Motions, checked_poses
 from cloth_sim_ros.sim.arrays.writing import are_bad
-from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import names_of, on_host
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.scene.objects import Rope
@@ -34,20 +33,35 @@ def add_contacts(pushes: wp.array2d(dtype=wp.vec4), first: int, colliders: int, 
         out[w, i, c] = total[c]
 
 
-class Tensors:
+class Tensors(Ropes):
     """The tensors of a simulation. Raises ValueError for a name, a quantity or an array that is not allowed."""
 
-    def __init__(self, bodies: Bodies, collider_loads: Loads, handle_loads: Loads, ropes: Ropes) -> None:
-        self._bodies, self._loads, self._ropes = bodies, (collider_loads, handle_loads), ropes
-        self._pushes: dict[str, wp.array] = {}
+    _pushes: dict[str, wp.array]  # contact forces (worlds, N, 3) [N], summed over several colliders
 
     def tensor(self, name: str, what: str) -> wp.array:
-        """See Simulation.tensor."""
+        """Return a view of one quantity of an object, collider or handle in all worlds, on the device.
+
+        Objects have:
+            "positions": (worlds, N, 3) float32 [m].
+            "velocities": (worlds, N, 3) float32 [m/s].
+            "contact_forces": (worlds, N, 3) [N], the sum over colliders on each particle, mean over the last frame.
+            "recoveries": (worlds,) int32, the number of times the object was put back.
+            "tensions": (worlds, S) float32 [N], ropes only, see `tensions`.
+
+        Colliders and handles have:
+            "pose": (worlds, 7) float32, position x y z [m], then orientation x y z w.
+            "wrench": (worlds, 6) float32, force [N], then torque [N m] about the origin.
+
+        The view shows the state after the last launched frame, on Warp's stream of the device. Tensions, wrenches, and
+        contact forces of several colliders are computed by this call and change only with the next one. A tensor goes
+        to torch, JAX and CuPy by DLPack; treat it as read-only. It is valid until `builds` changes. Method auto may
+        rebuild the arrays when live parameters or positions are set.
+        """
         if name in self._bodies.scene.objects:
             rope = isinstance(self._bodies.scene.objects[name], Rope)
             _check_word(name, what, (*_OF_OBJECTS, "tensions") if rope else _OF_OBJECTS)
             if what == "tensions":
-                return self._ropes.tensions_of_all(name)
+                return self._tensions_of_all(name)
             if what == "contact_forces":
                 return self._contact_forces(name)
             batch = self._bodies.batch[name]
@@ -81,7 +95,26 @@ class Tensors:
         return self._pushes[name]
 
     def write(self, name: str, what: str, array: Any, mask: Any = None, sweep: bool = True) -> None:
-        """See Simulation.write."""
+        """Write one quantity of an object, collider or handle in many worlds.
+
+        Pinned particles move and stay at rest. History and multipliers of the object are cleared. The call waits for
+        the device to check all numbers.
+
+        Args:
+            name: The object, collider or handle.
+            what: "positions" [m] or "velocities" [m/s] (worlds, N, 3) of an object, or "pose" (worlds, 7) of any. The
+                "pose" of an object places its rest shape there, at rest. "rest_turns" [-] (worlds, N - 2, 2) of a rope
+                that resists twist: the turn of each joint at rest, along its two directors. "lags" [rad] (worlds,
+                N - 1) of one, after positions and velocities: by what its segments are turned about themselves beyond
+                their balance as the motion begins, if clamps hold both ends.
+            array: An array of NumPy or Warp, or any that DLPack takes; its first axis is all worlds.
+            mask: (worlds,) of bool, the worlds to write; None writes all.
+            sweep: If True, a collider or handle reaches the pose at the end of the next frame. If False, it is there
+                at once.
+
+        Raises:
+            ValueError: A name, shape or number is not allowed; nothing changes then.
+        """
         some = self._bodies.some(mask)
         if name not in self._bodies.scene.objects:
             motions, row, _ = self._mover(name)
@@ -92,7 +125,7 @@ class Tensors:
         if what in _OF_TWIST and getattr(self._bodies.scene.objects[name], "twist_compliance", None) is not None:
             joints = len(self._bodies.topology(name).rest_turns)
             shape = (joints, 2) if what == "rest_turns" else (joints + 1,)
-            self._ropes.write_turns(name, what, self._shaped(_numbers, array, name, what, shape), mask)
+            self._write_turns(name, what, self._shaped(_numbers, array, name, what, shape), mask)
             return
         _check_word(name, what, (*_MOST, "pose"))
         if what == "pose":
@@ -111,7 +144,7 @@ class Tensors:
         (batch.write_positions if what == "positions" else batch.write_velocities)(name, values, chosen)
 
     def recovered(self) -> np.ndarray:
-        """See Simulation.recovered."""
+        """(worlds,) bool: True where an object was put back at the end of the last frame, see `report`."""
         found = np.zeros(self._bodies.worlds, dtype=bool)
         for batch in self._bodies.batches:
             found |= (batch.states["relapses"].numpy() > 0).any(axis=1)
@@ -120,11 +153,12 @@ class Tensors:
     def _mover(self, name: str) -> tuple[Motions, int, Loads]:
         """The Motions that hold a collider or handle, its row in them, and their Loads."""
         bodies = self._bodies
-        for motions, rows, loads in zip(
-            (bodies.colliders, bodies.handles), (bodies.collider_row, bodies.handle_row), self._loads, strict=True
+        for kind, motions, rows in (
+            ("colliders", bodies.colliders, bodies.collider_row),
+            ("handles", bodies.handles, bodies.handle_row),
         ):
             if name in rows:
-                return motions, rows[name], loads
+                return motions, rows[name], self._loads[kind]
         known = [*bodies.scene.objects, *bodies.collider_row, *bodies.handle_row]
         raise ValueError(f"there is no object {name!r}, nor a collider or handle; allowed is {names_of(known)}")
 

@@ -59,8 +59,9 @@ class Bodies:
 
     builds: number of builds; results of `device_arrays` are valid until it changes. moves: name -> motion from the
     object's place in the scene to its start. scales: name -> Topology.world_scales. as_chosen: name -> how the object
-    is computed, without what was measured since. Raises ValueError for a number of worlds or a device that is not
-    allowed, and for a mesh that is not manifold.
+    is computed, without what was measured since. handle_counts, handle_breaks (worlds, H): how many particles a handle
+    holds, and how often it let go under load. grasps: handle -> the one object that it grasps, "" is any. Raises
+    ValueError for a number of worlds or a device that is not allowed, and for a mesh that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
@@ -78,6 +79,8 @@ class Bodies:
         self.colliders = Motions(ColliderMotion, rows, worlds, self.warp_device)
         self.handles = Motions(HandleMotion, len(scene.handles), worlds, self.warp_device)
         self.handle_counts = wp.zeros((worlds, len(scene.handles)), dtype=int, device=self.warp_device)
+        self.handle_breaks = wp.zeros_like(self.handle_counts)
+        self.grasps = {name: handle.object for name, handle in scene.handles.items()}
         self.handle_row = {name: row for row, name in enumerate(scene.handles)}
         self._data = [collider.data(self.warp_device) for collider in scene.colliders.values()]  # kept alive
         self.fixed = len(scene.colliders)  # rows of the scene's own colliders, before the added ones
