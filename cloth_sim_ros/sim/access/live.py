@@ -12,12 +12,13 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.live_values import COMPLIANCES, OF_FRAME
 from cloth_sim_ros.sim.access.rope_queries import Ropes
-from cloth_sim_ros.sim.access.scales import set_scale
+from cloth_sim_ros.sim.arrays import writing
 from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
+from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
-from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of
+from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 from cloth_sim_ros.sim.substeps.choose import distinct
@@ -226,7 +227,7 @@ class Live(Ropes, Hands):
             self._set_mass(owner, field, value, world)
             return
         if field == "scale":
-            set_scale(self._bodies, owner, value, world)
+            _set_scale(self._bodies, owner, value, world)
             return
         materials = self._bodies.materials_of(owner, world)
         if field in COMPLIANCES:
@@ -325,6 +326,31 @@ class Live(Ropes, Hands):
         """Mark a row as holding no collider."""
         self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def _set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> None:
+    """Set an object's scale to a checked value, or one per world, and restart it there.
+
+    Raises ValueError if the object cannot be scaled, or if explicit steps would be unstable.
+    """
+    topology = bodies.elastic[owner]
+    for what, is_so in (
+        ("hangs on a winch", topology.winch is not None),
+        ("tears", topology.tear_strain > 0.0),
+        ("started inside of a collider and was moved out", owner in bodies.moves),
+    ):
+        if is_so:
+            raise ValueError(f"{owner}.scale is set but {owner} {what}; allowed is a scene with another size of it")
+    scales = np.broadcast_to(topology.scales_in(), bodies.worlds).copy()
+    scales[worlds_of(world)] = value
+    if bodies.settings.method == "verlet":
+        scaled = topology.at(scales)
+        rows = bodies.effective_materials(owner, bodies.materials_of(owner, None), None, topology=scaled)
+        check_explicit(bodies.scene, bodies.settings, owner, scaled, distinct(rows))
+    bodies.give_scales(owner, scales, world)
+    batch, chosen = bodies.batch[owner], bodies.chosen(world)
+    batch.write_positions(owner, batch.rest[owner], chosen)
+    writing.clear(batch.states["velocities"], batch.span(owner), chosen)
 
 
 def compliances_of(thing: Cloth | Rope) -> list[float]:

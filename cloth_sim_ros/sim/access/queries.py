@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.access.loads import Loads
-from cloth_sim_ros.sim.access.seams import read_stitches
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.bodies import Bodies
+from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.input.checks import named, worlds_of
 from cloth_sim_ros.sim.topology import KINDS
 
@@ -87,7 +87,29 @@ class Queries:
         Raises:
             ValueError: There is no such seam.
         """
-        return read_stitches(self._bodies, seam, world)
+        name, start = named(self._bodies.scene.seams, seam, "seam").first, 0
+        for each in self._bodies.topology(name).stitches:
+            if each.seam == seam:
+                break
+            start += len(each.shares)
+        batch, world = self._bodies.batch[name], self._bodies.one(world)
+        begin = batch.stitches(name).start + start
+        rows = slice(begin, begin + len(each.shares))
+        slid, state, _ = batch.part("stitches", rows, world).numpy().reshape(-1, 3).T
+        first, second = (self._fine_positions(thing, world) for thing in (name, each.other))
+        points = _points(first, each.particles[:, :2], each.shares[:, 0])
+        if each.slides:
+            gaps = _off_rope(points, second, each.particles[:, 2] + each.shares[:, 1] + slid)
+        else:
+            gaps = points - _points(second, each.particles[:, 2:], each.shares[:, 1])
+        broken = state == BROKEN
+        forces = np.where(broken[:, None], 0.0, batch.part("stitch_forces", rows, world).numpy().reshape(-1, 3))
+        return gaps, forces, broken
+
+    def _fine_positions(self, name: str, world: int) -> np.ndarray:
+        """Positions (N, 3) float64 [m] of an object's particles."""
+        read = self._bodies.batch[name].read_rows
+        return sum(read(part, name, world)[0, :, :3].astype(np.float64) for part in ("positions", "position_lo"))
 
     def torn(self, name: str, world: int = 0) -> dict[str, np.ndarray]:
         """Return kind -> (S,) bool, True for each of `springs` that failed in one world.
@@ -138,3 +160,17 @@ class Queries:
             self._bodies.wake()
         batch = self._bodies.batch[name]
         return batch.worlds[self._bodies.one(world)], batch.span(name), self._bodies.warp_device
+
+
+def _points(places: np.ndarray, particles: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    first, second = places[particles[:, 0]], places[particles[:, 1]]
+    return first + shares[:, None] * (second - first)
+
+
+def _off_rope(points: np.ndarray, rope: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Vectors (E, 3) from a rope's particles (N, 3) to points, from the nearest of the segments around `at` (E,)."""
+    segments = np.clip(at.astype(int)[:, None] + (-1, 0, 1), 0, len(rope) - 2)
+    along, off = rope[segments + 1] - rope[segments], points[:, None] - rope[segments]
+    square = np.maximum((along * along).sum(axis=2), 1e-300)
+    gaps = off - np.clip((off * along).sum(axis=2) / square, 0.0, 1.0)[..., None] * along
+    return gaps[np.arange(len(gaps)), np.linalg.norm(gaps, axis=2).argmin(axis=1)]

@@ -11,12 +11,13 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.queries import Queries
 from cloth_sim_ros.sim.access.tension import Tensions, read_tensions
-from cloth_sim_ros.sim.access.twist import directors, measure_twist, read_twist
-from cloth_sim_ros.sim.access.winch import measure_winch, set_winch, write_winch
 from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
-from cloth_sim_ros.sim.scene.objects import Rope
+from cloth_sim_ros.sim.scene.objects import Rope, check_lengths
+from cloth_sim_ros.sim.topology.rope import directors as carried
+
+_WINCH = tuple(row.name for row in table.WINCH if row.live)
 
 
 class Ropes(Queries):
@@ -80,8 +81,8 @@ class Ropes(Queries):
         batch, world = self._bodies.batch[name], None if world is None else self._bodies.one(world)
         points = self.positions(name, world).astype(np.float64)
         angles = batch.part("twisted", batch.segments(name), world).numpy()["angle"].reshape(*points.shape[:-2], -1)
-        start = read_twist(batch, name, world)["start"].reshape(*points.shape[:-2], 3)
-        return directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
+        start = batch.read_body("twists", name, world)["start"].reshape(*points.shape[:-2], 3)
+        return _directors(points, angles[..., : points.shape[-2] - 1].astype(np.float64), start.astype(np.float64))
 
     def end_wrenches(self, name: str, world: int = 0) -> np.ndarray:
         """Loads (2, 6) float32 of a rope on the supports of its start and its end, in one world.
@@ -115,16 +116,21 @@ class Ropes(Queries):
             "end_tension": float(pull[-1]),
         }
         if thing.winch is not None:
-            found |= measure_winch(self._bodies.batch[name], name, world)
+            winch = self._bodies.batch[name].read_body("winches", name, world)[0, 0]
+            found["paid_out"] = float(winch["behind"] + winch["length"] + winch["backlog"])
+            found["pay_out"] = float(winch["rate"])
+            found["winch_stopped"] = int(winch["stopped"])
         if thing.twist_compliance is not None:
-            found |= measure_twist(self._bodies.batch[name], name, world)
+            twist = self._bodies.batch[name].read_body("twists", name, world)[0, 0]
+            found |= {"twist": float(twist["angle"]), "torsion": float(twist["moment"])}
         return found
 
     def _write_rope(self, name: str, thing: Rope) -> None:
         """Write the scene's live numbers of a rope in all worlds."""
         batch = self._bodies.batch[name]
         if thing.winch is not None:
-            write_winch(batch, name, thing.winch)
+            numbers = {field: getattr(thing.winch, field) for field in _WINCH}
+            batch.drives.write(batch.index[name], None, **numbers)
         if thing.twist_compliance is not None:
             batch.ends.write(batch.index[name], None, turn=thing.end_turn)
             self._write_turns(name, "rest_turns", self._bodies.topology(name).rest_turns, None)
@@ -147,4 +153,23 @@ class Ropes(Queries):
         if getattr(self._bodies.scene.objects[owner], "winch", None) is None:
             raise ValueError(f"{name} is set but {owner} was built without; allowed is a rope built with a winch")
         value = check_worlds(row, value, name, self._bodies.worlds, world)
-        set_winch(self._bodies.batch[owner], owner, row, value, world)
+        batch = self._bodies.batch[owner]
+        b = batch.index[owner]
+        lengths = batch.drives.read(b, world)
+        if row.name in ("shortest", "longest"):
+            lengths[row.name] = value
+            for k in np.flatnonzero(lengths["shortest"] > lengths["longest"])[:1]:
+                check_lengths(float(lengths["shortest"][k]), float(lengths["longest"][k]), f"{owner}.winch.shortest")
+        batch.drives.write(b, world, **{row.name: value})
+
+
+def _directors(points: np.ndarray, angles: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., S, 3) across the segments of a rope, which turn with its material.
+
+    points (..., N, 3) [m]; angles (..., S) of the material about each segment [rad]; start (..., 3) of its Twist.
+    Parallel transport carries the start's vector along the rope. Then each vector turns by its angle.
+    """
+    tangents = np.diff(points, axis=-2)
+    tangents /= np.linalg.norm(tangents, axis=-1, keepdims=True)
+    u = carried(tangents, start)
+    return np.cos(angles)[..., None] * u + np.sin(angles)[..., None] * np.cross(tangents, u)

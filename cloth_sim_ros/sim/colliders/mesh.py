@@ -13,11 +13,12 @@ import warp as wp
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.colliders import mesh_distance
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid
-from cloth_sim_ros.sim.colliders.mesh_distance import WORDS
+from cloth_sim_ros.sim.colliders.mesh_distance import TREE, WORDS, by_tree
 from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
-from cloth_sim_ros.sim.colliders.mesh_round import is_round
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.checks import finite_array
+from cloth_sim_ros.sim.kernels.compiled import compiled
+from cloth_sim_ros.sim.kernels.intrinsics import load_address
 from cloth_sim_ros.sim.mesh_file import load_mesh
 
 
@@ -142,7 +143,38 @@ def _enters(mesh: Mesh, needed: float, thickness: float) -> bool:
     _, first = np.unique(mesh.triangles, return_index=True)
     normals = normals_of(points, mesh.triangles)[:, 1:4, :3].reshape(-1, 3)[first]
     corners = points[mesh.triangles].reshape(-1, 3)[first]
-    return not is_round(at.id, mesh.reach(), corners, normals, radius, within)
+    return not _is_round(at.id, mesh.reach(), corners, normals, radius, within)
+
+
+@compiled
+def _find_sharp(
+    data: wp.uint64,
+    size: wp.vec3,
+    radius: float,
+    within: float,
+    points: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    sharp: wp.array(dtype=int),
+):
+    p, n = points[wp.tid()], normals[wp.tid()]
+    # From the first place on the surface is within what must be free of it.
+    if by_tree(p - 2.0 * within * n, size, data)[3] >= 0.0:
+        sharp[0] = 1
+    elif wp.mesh_query_point_no_sign(load_address(data + TREE), p - radius * n, radius - within).result:
+        sharp[0] = 1
+
+
+def _is_round(data: int, reach: float, points: np.ndarray, normals: np.ndarray, radius: float, within: float) -> bool:
+    """True if a ball of this radius touches each vertex (N, 3) from inside, and protrudes by `within` [m] at most.
+
+    data: the address of the surface on the CPU, where its tree is.
+    """
+    device = wp.get_device("cpu")
+    sharp = wp.zeros(1, dtype=int, device=device)
+    at, out = (wp.array(rows, dtype=wp.vec3, device=device) for rows in (points, normals))
+    inputs = [data, wp.vec3(reach, 0.0, 0.0), radius, within, at, out, sharp]
+    wp.launch(_find_sharp, dim=len(points), inputs=inputs, device=device)
+    return sharp.numpy()[0] == 0
 
 
 def rows_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:

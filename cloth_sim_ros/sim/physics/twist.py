@@ -55,3 +55,9 @@ def rest_turn(along: wp.vec2, u: wp.vec3, t: wp.vec3, angle: float) -> wp.vec3:
     second = wp.cross(wp.normalize(t), first)
     c, s = wp.cos(angle), wp.sin(angle)
     return (along[0] * c - along[1] * s) * first + (along[0] * s + along[1] * c) * second
+
+
+@wp.func
+def wrap_angle(angle: float) -> float:
+    """The angle in (-pi, pi]: a fold through pi is followed the short way."""
+    return angle - 2.0 * wp.pi * wp.round(angle / (2.0 * wp.pi))

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology.directions import in_planes
+from cloth_sim_ros.sim.topology.plate_mesh import in_planes
 
 # Least height of a triangle over its longest edge. The edges of thinner ones are springs without coupling, as their
 # strains say too little of the strain across.

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology.directions import in_planes
-
 _SLIVER = 1e-3  # least height of a triangle over its longest edge; across thinner ones the sheet is hinged
 NEXT, LAST = [1, 2, 0], [2, 0, 1]  # the corners after and before each corner
 
@@ -98,3 +96,19 @@ def _twins(triangles: np.ndarray, count: int) -> np.ndarray:
     derived = np.arange(len(key))
     derived[order[pair]], derived[order[pair + 1]] = order[pair + 1], order[pair]
     return derived.reshape(-1, 3)
+
+
+def in_planes(way: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Unit vectors (T, 3): the parts of `way`, (3,) or (T, 3), in planes with unit `normals` (T, 3).
+
+    Where a way stands on its plane, the axis that lies best in the plane takes its place.
+    """
+    way = np.broadcast_to(way, normals.shape)
+    flat, axis = (_projected(each, normals) for each in (way, np.eye(3)[np.abs(normals).argmin(axis=1)]))
+    stands = np.linalg.norm(flat, axis=1) < 1e-6 * np.linalg.norm(way, axis=1)
+    flat = np.where(stands[:, None], axis, flat)
+    return flat / np.linalg.norm(flat, axis=1, keepdims=True)
+
+
+def _projected(way: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    return way - (way * normals).sum(1, keepdims=True) * normals

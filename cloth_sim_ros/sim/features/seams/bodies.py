@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Data of seams: the stitches between bodies of all batches in one list, and the arrays behind them."""
+"""Data of seams: the stitches between bodies of all batches in one list, and the arrays behind them.
+
+A way is a line of structural springs away from a sewn particle, into its sheet, which stitches are solved with. No
+particle is on two ways, and none on a way is sewn, so that each way is a chain with only one end that others move.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,12 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.model import Body
 from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
 from cloth_sim_ros.sim.features.seams.arrays import SeamState
-from cloth_sim_ros.sim.features.seams.ways import ways_of
 from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.device import allocated
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 from cloth_sim_ros.sim.topology import Topology
+
+_LONGEST = 64  # springs of a way at most
 
 
 @wp.struct
@@ -150,7 +155,7 @@ def _add_ways(seams: Seams, touched: np.ndarray, batches, topologies, device: wp
         body = model.bodies.numpy()[home[1]]
         rows = np.flatnonzero((touched[:, 0] == home[0]) & (touched[:, 2] == home[1]))
         first, slots = int(body["particles"]), _slots_of(model, body)
-        for row, ways in zip(rows, ways_of(topology, (touched[rows, 1] - first).tolist()), strict=True):
+        for row, ways in zip(rows, _ways_of(topology, (touched[rows, 1] - first).tolist()), strict=True):
             for way in ways:
                 ends = [touched[row, 1] - first, *way[:-1]]
                 around[row].append([(first + j, slots[min(i, j), max(i, j)]) for i, j in zip(ends, way, strict=True)])
@@ -163,6 +168,40 @@ def _add_ways(seams: Seams, touched: np.ndarray, batches, topologies, device: wp
     worlds = len(batches[0])
     seams.pulls = wp.zeros(worlds * len(beads), dtype=wp.vec4, device=device)
     seams.rests = wp.zeros(worlds * len(beads), dtype=float, device=device)
+
+
+def _ways_of(topology: Topology, sewn: Sequence[int]) -> list[list[list[int]]]:
+    """Return the ways from each of the particles `sewn` of an object: the particles of each, from near to far.
+
+    All grow spring by spring, so that none takes what is nearer to another.
+    """
+    open_ways = [(k, way, []) for k, particle in enumerate(sewn) for way in _lines_from(topology, particle)]
+    taken, found = set(sewn), [[] for _ in sewn]
+    for _ in range(_LONGEST):
+        growing = []
+        for k, ahead, way in open_ways:
+            particle = next(ahead, None)
+            if particle is None or particle in taken:
+                continue
+            if not way:
+                found[k].append(way)
+            taken.add(particle)
+            way.append(particle)
+            growing.append((k, ahead, way))
+        open_ways = growing
+    return found
+
+
+def _lines_from(topology: Topology, particle: int):
+    """Iterators over the particles of each line of structural springs from a particle on, one to each side of it."""
+    for family in topology.families:
+        if family.kind != "structural":
+            continue
+        for line, at in np.argwhere(family.particles == particle):
+            row, springs = family.particles[line], family.springs[line]
+            ahead, behind = np.append(springs[at:] < 0, True), np.append(springs[:at][::-1] < 0, True)
+            yield iter(row[at + 1 : at + 1 + int(np.argmax(ahead))].tolist())
+            yield iter(row[:at][::-1][: int(np.argmax(behind))].tolist())
 
 
 def _slots_of(model, body) -> dict[tuple[int, int], int]:

@@ -27,8 +27,7 @@ from cloth_sim_ros.sim.features.twist.spread import (
     were_late,
 )
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, store4, xyz
-from cloth_sim_ros.sim.physics.bending import wrap_angle
-from cloth_sim_ros.sim.physics.twist import FOLDED, angle_about, carried_across, small_angle_about
+from cloth_sim_ros.sim.physics.twist import FOLDED, angle_about, carried_across, small_angle_about, wrap_angle
 
 
 def make_tangents(order: int):

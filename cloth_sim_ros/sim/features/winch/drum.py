@@ -24,13 +24,33 @@ from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.features.winch.arrays import WinchState
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
 from cloth_sim_ros.sim.physics.integrate import split_sum
-from cloth_sim_ros.sim.physics.winch import next_rate
 
 BORN = wp.constant(0.5)  # excess over its own length that splits the fed segment, as a fraction of the next one
 SWALLOWED = wp.constant(0.45)  # fraction of its own length below which the fed segment joins the next
 SHORTEST = wp.constant(0.5)  # length that stays out, as a fraction of the last segment
 REACHED = wp.constant(1.0e-5)  # distance from a length limit that counts as reached, as a fraction of the rope
 SETTLING = wp.constant(0.2)  # time in which the backlog is fed [s]
+
+
+@wp.func
+def braking(room: float, acceleration: float, h: float) -> float:
+    """The fastest rate [m/s] from which `room` [m] is enough to stop in, sqrt(2 a s); 0 beyond a limit."""
+    left = wp.max(room, 0.0)
+    return wp.min(wp.sqrt(2.0 * acceleration * left), left / h)
+
+
+@wp.func
+def next_rate(
+    rate: float, wanted: float, most: float, acceleration: float, room: float, slack: float, h: float
+) -> float:
+    """The pay-out rate [m/s] of the next substep of length h [s], below 0 for hauling in.
+
+    It nears `wanted`, within `most` both ways, by at most `acceleration` [m/s^2], and stops where the `room` [m] to
+    pay out or the `slack` [m] to haul in ends.
+    """
+    goal = wp.clamp(wanted, -most, most)
+    rate = wp.clamp(goal, rate - acceleration * h, rate + acceleration * h)
+    return wp.clamp(rate, -braking(slack, acceleration, h), braking(room, acceleration, h))
 
 
 @wp.func
