@@ -13,7 +13,6 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.loads import Loads
 from cloth_sim_ros.sim.arrays.state import Arrays, HandleMotion
 from cloth_sim_ros.sim.arrays.writing import clear
-from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
@@ -151,10 +150,11 @@ class Hands:
         h, chosen = self._handle(name), self._bodies.chosen(some)
         self._bodies.wake()
         self._bodies.handles.upload()
-        for body, (batch, given, b, count) in self._each_object().items():
+        for body, batch in self._bodies.batch.items():
             if self._bodies.grasps[name] in ("", body) and len(chosen):
-                inputs = [given, b, h, chosen, count]
-                wp.launch(grasp, dim=len(chosen) * count, inputs=inputs, device=batch.device)
+                b = batch.index[body]
+                inputs, dim = [batch.given, b, h, chosen, batch.counts[b]], len(chosen) * batch.counts[b]
+                wp.launch(grasp, dim=dim, inputs=inputs, device=batch.device)
 
     def release(self, name: str, world: Any = None) -> None:
         """Release all particles that a handle holds; they keep their velocities."""
@@ -247,16 +247,8 @@ class Hands:
     def _handle(self, name: str) -> int:
         return named(self._bodies.handle_row, name, "handle")
 
-    def _each_object(self) -> dict[str, tuple[Batch, wp.array, int, int]]:
-        """Object -> its batch, the arrays of all worlds, its number in the batch and its count of particles."""
-        found = {}
-        arrays = dict(zip(map(id, self._bodies.batches), self._bodies.arrays(), strict=True))
-        for name, batch in self._bodies.batch.items():
-            b = batch.index[name]
-            found[name] = (batch, arrays[id(batch)], b, batch.counts[b])
-        return found
-
     def _let_chosen_go(self) -> None:
-        for batch, given, b, count in self._each_object().values():
-            dim = self._bodies.worlds * count
-            wp.launch(let_go, dim=dim, inputs=[given, b, self._leaves, count], device=batch.device)
+        for name, batch in self._bodies.batch.items():
+            b, device = batch.index[name], batch.device
+            dim = self._bodies.worlds * batch.counts[b]
+            wp.launch(let_go, dim=dim, inputs=[batch.given, b, self._leaves, batch.counts[b]], device=device)

@@ -80,13 +80,13 @@ class Loads:
         self.array.zero_()
         device = self._bodies.warp_device
         lanes = 1 if device.is_cpu else _LANES
-        for arrays in self._bodies.arrays() if self.array.size else ():
-            inputs = [arrays, self.array, lanes]
+        batches = self._bodies.batches if self.array.size else []
+        for batch in batches:
+            inputs = [batch.given, self.array, lanes]
             wp.launch_tiled(self._kernel, dim=[self.array.size], inputs=inputs, block_dim=lanes, device=device)
-        if self._kernel is ADD_UP["handles"] and self.array.size:
-            for batch, arrays in zip(self._bodies.batches, self._bodies.arrays(), strict=True):
-                if batch.features.twist:
-                    wp.launch(add_torsion, dim=len(arrays), inputs=[arrays, self.array], device=device)
+        for batch in batches if self._kernel is ADD_UP["handles"] else []:
+            if batch.features.twist:
+                wp.launch(add_torsion, dim=len(batch.given), inputs=[batch.given, self.array], device=device)
         return self.array
 
     def read(self, world: int) -> np.ndarray:

@@ -12,6 +12,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.batch import Batch
+from cloth_sim_ros.sim.input.checks import worlds_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
@@ -79,9 +80,8 @@ class Tensions:
         self, batch: Batch, name: str, world: int | None, out: wp.array | None = None, column: int = 0
     ) -> None:
         b, device = batch.index[name], batch.device
-        segments, worlds = batch.counts[b] - 1, batch.worlds if world is None else [batch.worlds[world]]
-        self._given = wp.array(worlds, dtype=Arrays, device=device)
-        self.forces = wp.zeros((len(worlds), segments), dtype=wp.vec3, device=device)
+        segments, self._given = batch.counts[b] - 1, batch.given[worlds_of(world)]
+        self.forces = wp.zeros((len(self._given), segments), dtype=wp.vec3, device=device)
         if batch.features.chain:
             kernel, dim, inputs = pull_of_chain, self.forces.shape, [self._given, b, self.forces]
         else:
@@ -89,7 +89,7 @@ class Tensions:
             kernel, dim, inputs = pull_of_springs, self.forces.shape, [self._given, b, springs, self.forces]
         self._commands = [wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True)]
         if out is not None:
-            inputs, dim = [self._given, b, self.forces, column, out], (len(worlds), segments + 1)
+            inputs, dim = [self._given, b, self.forces, column, out], (len(self._given), segments + 1)
             self._commands.append(wp.launch(write_tensions, dim=dim, inputs=inputs, device=device, record_cmd=True))
 
     def launch(self) -> None:

@@ -50,7 +50,8 @@ class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
     All worlds share one model, except for a `scaled` body, which is alone in its batch. `states` has a row per world.
-    `worlds[w]` are the Arrays of world w, for kernels. rest: name -> rest positions in the form of `write_positions`.
+    `worlds[w]` are the Arrays of world w, and `given` is all of them in one array, for kernels. rest: name -> rest
+    positions in the form of `write_positions`.
     """
 
     def __init__(
@@ -91,7 +92,8 @@ class Batch:
         self.masses = Masses(list(topologies.values()), self._spans, self.materials, worlds, device)
         model = collected.upload(device)
         self.worlds = [self._world(w, model, shared) for w in range(worlds)]
-        self.torn = Torn(features, self.states, self.worlds, model, collected, device) if features.tears else None
+        self.given = wp.array(self.worlds, dtype=Arrays, device=device)
+        self.torn = Torn(features, self.states, self.given, model, collected, device) if features.tears else None
         # Bodies in step advance together, see engine/coupled_bodies.py.
         self.executor = None
         if not features.in_step:
@@ -102,10 +104,10 @@ class Batch:
             alone = isinstance(self.executor, Block)
             self.saved = Saved(state, self.states, colliders if features.listed else 0)
             self.measurement = Measurement(
-                self.worlds, self.saved, collected.particles, second, alone, features.chain, block
+                self.given, self.saved, collected.particles, second, alone, features.chain, block
             )
         if features.audited:
-            self.ledger = Ledger(self.worlds, self.saved, self.lines, second, block, max(self.counts))
+            self.ledger = Ledger(self.given, self.saved, self.lines, second, block, max(self.counts))
         self._trial = None
         if features.method == "verlet":
             frame = self.frame

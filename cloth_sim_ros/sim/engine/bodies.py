@@ -17,7 +17,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.poses import Motions
-from cloth_sim_ros.sim.arrays.state import Arrays, ColliderMotion, Frame, HandleMotion
+from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, SHALLOW, Collider, least_roundness
 from cloth_sim_ros.sim.engine.batch import Batch, Shared
@@ -238,7 +238,6 @@ class Bodies:
         coupled = [batch for batch in self.batches if batch.features.in_step]
         itself = [name for name, thing in self.scene.objects.items() if thing.self_contact]
         self.coupled = CoupledBodies(coupled, self.topologies, itself, self.scene.object_contact) if coupled else None
-        self._arrays: list[wp.array] = []
         counted = [batch for batch in self.batches if batch.features.measured and isinstance(batch.executor, Graph)]
         groups = [InStep([batch], batch.executor) for batch in counted if not batch.features.in_step]
         groups += [self.coupled.in_step] if self.coupled is not None else []
@@ -414,12 +413,6 @@ class Bodies:
             Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device, self._executor)
             for (features, _), bodies in alike.items()
         ]
-
-    def arrays(self) -> list[wp.array]:
-        """One array (worlds,) of Arrays per batch."""
-        if not self._arrays:
-            self._arrays = [wp.array(batch.worlds, dtype=Arrays, device=batch.device) for batch in self.batches]
-        return self._arrays
 
     def materials_of(self, name: str, world: WorldSelection) -> np.ndarray:
         """Current rows of Material of an object in some worlds."""

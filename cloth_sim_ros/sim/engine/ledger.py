@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.kernels.device import call_all
 from cloth_sim_ros.sim.substeps.energy import (
@@ -26,21 +25,21 @@ _PARTICLES = 1024  # number of particles of a block
 class Ledger:
     """Launches that judge the energy of the bodies of a batch, see substeps/energy.py.
 
+    given: the Arrays of each world.
     saved: copy of the state, to which a rejected frame goes back. lines: of each body, (kind, first, end) of the slots
     of its lines. second: True for order 2. block: threads a block. largest: number of particles of the largest body.
     """
 
     def __init__(
         self,
-        worlds: list[Arrays],
+        given: wp.array,
         saved: Saved,
         lines: Sequence[Sequence[tuple[int, int, int]]],
         second: bool,
         block: int,
         largest: int,
     ) -> None:
-        device, bodies = saved.device, len(worlds) * worlds[0].limits.shape[0]
-        given = wp.array(worlds, dtype=Arrays, device=device)
+        device, bodies = saved.device, len(given) * len(lines)
         rows = [(b, *family) for b, families in enumerate(lines) for family in families]
         families = wp.array(np.array(rows, dtype=np.int32), dtype=wp.vec4i, device=device)
         factors = wp.zeros(bodies, dtype=int, device=device)

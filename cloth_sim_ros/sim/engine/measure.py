@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.state import Arrays
 from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.substeps.control import (
     OF_ROPES,
@@ -26,6 +25,7 @@ _MOST_THREADS = 256
 class Measurement:
     """Launches that measure the error of the bodies of a batch.
 
+    given: the Arrays of each world.
     saved: copy of the state, to which trials go back. particles: number of them. second: True for order 2. alone: each
     body takes the substeps that its own error asks for. ropes: True for ropes. block: threads a body.
 
@@ -33,20 +33,20 @@ class Measurement:
     """
 
     def __init__(
-        self, worlds: list[Arrays], saved: Saved, particles: int, second: bool, alone: bool, ropes: bool, block: int
+        self, given: wp.array, saved: Saved, particles: int, second: bool, alone: bool, ropes: bool, block: int
     ) -> None:
-        device, bodies = saved.device, len(worlds) * worlds[0].limits.shape[0]
+        device, shape = saved.device, saved.part("substeps").shape
+        bodies = shape[0] * shape[1]
         growth = OF_ROPES if ropes else 1.0
         self._saved = saved
-        self._given = wp.array(worlds, dtype=Arrays, device=device)
-        remembered = [wp.zeros((len(worlds), particles), dtype=wp.vec3, device=device) for _ in range(2)]
+        remembered = [wp.zeros((shape[0], particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
         self._wanted = wp.zeros(bodies, dtype=int, device=device)
         self._far = wp.zeros(1, dtype=int, device=device)
-        self.most = wp.zeros((len(worlds), bodies // len(worlds)), dtype=int, device=device)
+        self.most = wp.zeros(shape, dtype=int, device=device)
 
         def launch(kernel: wp.Kernel, *inputs) -> wp.Launch:
-            inputs = [self._given, *inputs, block]
+            inputs = [given, *inputs, block]
             return wp.launch(kernel, bodies * block, inputs, device=device, block_dim=block, record_cmd=True)
 
         self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}

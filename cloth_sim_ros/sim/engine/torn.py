@@ -35,21 +35,24 @@ def _make_follow(features: Features, number: int):
 
 
 class Torn:
-    """Springs of the bodies of a batch, by kind and number as in Topology.springs; bodies by their number b."""
+    """Springs of the bodies of a batch, by kind and number as in Topology.springs; bodies by their number b.
+
+    given: the Arrays of each world.
+    """
 
     def __init__(
         self,
         features: Features,
         states: dict[str, wp.array],
-        worlds: list[Arrays],
+        given: wp.array,
         model: Model,
         arrays: ModelArrays,
         device: wp.Device,
     ) -> None:
         self._features, self._states, self._slots, self._device = features, states, arrays.spring_slots, device
         self._whole = {name: getattr(model, name).numpy() for name in LEFT}
-        self._worlds = wp.array(worlds, dtype=Arrays, device=device)
-        self.mend(wp.array(np.arange(len(worlds)), dtype=int, device=device))
+        self._given = given
+        self.mend(wp.array(np.arange(len(given)), dtype=int, device=device))
 
     def mend(self, chosen: wp.array) -> None:
         """Make all bodies whole in the worlds of these numbers."""
@@ -74,7 +77,7 @@ class Torn:
         self._states["tearing"].assign(marks)
         for number in range(len(followers(self._features))):
             threads = 1 if self._device.is_cpu else _THREADS
-            kernel, inputs = _make_follow(self._features, number), [self._worlds, b, threads]
+            kernel, inputs = _make_follow(self._features, number), [self._given, b, threads]
             wp.launch(kernel, dim=len(rests) * threads, inputs=inputs, device=self._device)
 
     def count(self, b: int, world: int) -> int:
