@@ -4,27 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
-from cloth_sim_ros.sim.engine.ledger import Ledger
-from cloth_sim_ros.sim.engine.measure import TRIALS, Measurement
-from cloth_sim_ros.sim.engine.saved import Saved
+from cloth_sim_ros.sim.engine.measure import TRIALS
 
 
-class Advanced(Protocol):
-    """A batch, with what its features need of these."""
-
-    saved: Saved | None
-    measurement: Measurement | None
-    ledger: Ledger | None
-
-
-def run_frame(
-    batches: Sequence[Advanced], measured: bool, frame: Callable[[int], None], repeat: Callable[[], None]
-) -> None:
+def run_frame(batches: Sequence, measured: bool, frame: Callable[[int], None], repeat: Callable[[], None]) -> None:
     """Simulate one frame; if it is `measured`, let it choose the substeps of the next, which else may only grow.
 
-    frame(divisor): simulates one in 1 / divisor of the substeps. repeat(): simulates it again with more substeps.
+    batches: one Batch or several. frame(divisor): simulates one in 1 / divisor of the substeps. repeat(): simulates it
+    again with more substeps.
     """
     measurements = [each.measurement for each in batches if each.measurement is not None]
     ledgers = [each.ledger for each in batches if each.ledger is not None]
