@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -33,37 +33,16 @@ from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
 
-@dataclass(frozen=True)
-class Shared:
-    """Arrays that all bodies of a simulation share: colliders and handles, with other arrays beside.
-
-    handle_counts: particles that each handle holds (worlds, H). numbers: of the scene's own forces and constraints.
-    """
-
-    colliders: LiveArray
-    handles: LiveArray
-    handle_counts: wp.array
-    numbers: LiveArray
-
-
 class Batch:
     """Bodies of equal `features`, by name, behind one another in flat arrays, in each of `worlds` worlds.
 
     All worlds share one model, except for a `scaled` body, which is alone in its batch. `states` has a row per world.
     `worlds[w]` are the Arrays of world w, and `given` is all of them in one array, for kernels. rest: name -> rest
-    positions in the form of `write_positions`.
+    positions in the form of `write_positions`. shared: the Bodies, with the live numbers that all batches share.
     """
 
-    def __init__(
-        self,
-        topologies: dict[str, Topology],
-        features: Features,
-        frame: LiveArray,
-        shared: Shared,
-        worlds: int,
-        device: wp.Device,
-        executor: str | None = None,
-    ):
+    def __init__(self, topologies: dict[str, Topology], features: Features, shared: Any, executor: str | None):
+        worlds, device = shared.worlds, shared.warp_device
         self.features, self.device = features, device
         self.index = {name: b for b, name in enumerate(topologies)}
         self._local, self.rest = (
@@ -85,7 +64,7 @@ class Batch:
         self.scaled = Scaled(topology, collected, device) if topology.world_scales is not None else None
         if self.scaled is not None:
             self._local[name], self.rest[name] = self.scaled.layout, self.scaled.rest
-        self.frame = BatchFrame(frame, len(topologies), worlds, device)
+        self.frame = BatchFrame(shared.frame, len(topologies), worlds, device)
         self.live = [rows for rows in (self.materials, self.drives, self.ends) if rows.array.shape[1]]
         colliders = shared.colliders.array.shape[1]
         state, self.states = make_states(collected, features, colliders, worlds, device)
@@ -116,7 +95,7 @@ class Batch:
             self._trial = Trial(self._advance_explicit, safe, self.worlds, self.counts, self.lines)
         self.restart(wp.array(np.arange(worlds), dtype=int, device=device))
 
-    def _world(self, w: int, model: Model, shared: Shared) -> Arrays:
+    def _world(self, w: int, model: Model, shared: Any) -> Arrays:
         arrays = Arrays()
         arrays.state = state_of(self.states, w)
         own = {name: getattr(arrays.state.tearing, name) for name in LEFT} if self.features.tears else {}

@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.arrays.poses import Motions
 from cloth_sim_ros.sim.arrays.state import ColliderMotion, Frame, HandleMotion
 from cloth_sim_ros.sim.colliders import shapes_of
 from cloth_sim_ros.sim.colliders.collider import FASTEST, SHALLOW, Collider, least_roundness
-from cloth_sim_ros.sim.engine.batch import Batch, Shared
+from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.engine.body_state import give, take
 from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
@@ -390,7 +390,6 @@ class Bodies:
     def _make_batches(self) -> list[Batch]:
         """Make a batch for each group of objects with equal features."""
         wind = self.scene.wind is not None
-        shared = Shared(self.colliders, self.handles, self.handle_counts, self.numbers)
         crowded = self.warp_device.is_cuda and self.worlds * len(self.topologies) > self.warp_device.sm_count
         alike: dict[tuple[Features, str], dict[str, Topology]] = {}
         for name, topo in self.topologies.items():
@@ -409,10 +408,7 @@ class Bodies:
                 line_slots=max(features.line_slots, CROWDED if crowded else 1),
             )
             alike.setdefault((features, name if name in self.scales else ""), {})[name] = topo
-        return [
-            Batch(bodies, features, self.frame, shared, self.worlds, self.warp_device, self._executor)
-            for (features, _), bodies in alike.items()
-        ]
+        return [Batch(bodies, features, self, self._executor) for (features, _), bodies in alike.items()]
 
     def materials_of(self, name: str, world: WorldSelection) -> np.ndarray:
         """Current rows of Material of an object in some worlds."""
