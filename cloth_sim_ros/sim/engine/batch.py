@@ -280,16 +280,21 @@ class Batch:
         """View (worlds, n) of elements `span` of a state array, of one world or of all."""
         return self.states[array][worlds_of(world), span]
 
-    def _forget(self, name: str, chosen: wp.array) -> None:
-        b = self.index[name]
+    def spans(self, name: str) -> dict[str, list[slice]]:
+        """Kind of rows, see `rows_by_array` -> where those of a body are."""
+        b, span = self.index[name], self.span(name)
         each = self.states["contacts"].shape[1] // self.states["positions"].shape[1]
-        spans = {
-            "particle": [self.span(name)],
+        return {
+            **dict.fromkeys(("count", "body"), [slice(b, b + 1)]),
+            "particle": [span],
             "segment": [self.segments(name)],
-            "body": [slice(b, b + 1)],
+            "stitch": [self.stitches(name)],
             "line": [slice(first, end) for _, first, end in self.lines[b]],
-            "contact": [slice(each * self.span(name).start, each * self.span(name).stop)],
+            "contact": [slice(each * span.start, each * span.stop)],
         }
+
+    def _forget(self, name: str, chosen: wp.array) -> None:
+        spans = self.spans(name)
         # A substep counts as smooth by the one before it, so clear those, as from rest.
         core = {"history": "body", "last_displacements": "particle", "last_velocities": "particle"}
         for array, row in (core | rows_by_array("FORGOTTEN")).items():

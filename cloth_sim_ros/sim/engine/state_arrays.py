@@ -44,7 +44,8 @@ OWNERS = {
 def rows_by_array(table: str) -> dict[str, str]:
     """Array -> kind of its rows, from the tables FORGOTTEN or KEPT of all OWNERS.
 
-    FORGOTTEN has the kinds "particle", "segment", "line", "body", and "contact" for a row a particle and collider.
+    The kinds are "particle", "segment", "line", "stitch", "body" (a struct a body), "count" (a number a body), and
+    "contact" for a row a particle and collider.
     """
     return {name: row for owner in OWNERS.values() for name, row in getattr(owner, table, {}).items()}
 
