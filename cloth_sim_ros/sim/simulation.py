@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.access.live import Live, compliances_of
 from cloth_sim_ros.sim.access.live_values import live_value
 from cloth_sim_ros.sim.access.loads import Loads
 from cloth_sim_ros.sim.access.placing import Placing
-from cloth_sim_ros.sim.access.report import Reporter
+from cloth_sim_ros.sim.access.report import measure_object
 from cloth_sim_ros.sim.access.saving import Saving
 from cloth_sim_ros.sim.access.tensors import Tensors
 from cloth_sim_ros.sim.engine.bodies import Bodies
@@ -87,7 +87,6 @@ class Simulation(Live, Placing, Tensors, Cuts):
         self._write_settings()
         thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
-        self._reporter = Reporter(self._bodies.warp_device)
         self._frames = 0
         self._write_scene()
         self._reset_handles(None)
@@ -146,14 +145,11 @@ class Simulation(Live, Placing, Tensors, Cuts):
         if isinstance(frames, bool) or not isinstance(frames, Integral) or frames < 0:
             raise ValueError(f"step is asked for {frames!r} frames; allowed is a whole number, 0 or more")
         while frames > 0:
-            self._begin()
+            self._bodies.advance()
             alike = self._bodies.alike(frames)
             self._advance(alike)
             self._frames += alike
             frames -= alike
-
-    def _begin(self) -> None:
-        self._bodies.advance()
 
     def make_ready(self) -> None:
         """Compile the kernels that only some frames need, so that no frame waits; may run in a thread beside `step`."""
@@ -166,7 +162,7 @@ class Simulation(Live, Placing, Tensors, Cuts):
         The error is that of this frame alone, as if it started from the exact state; see substeps/control.py. Objects
         that explicit steps compute are left out. `step` measures every few frames itself.
         """
-        self._begin()
+        self._bodies.advance()
         self._advance(1, measured=True)
         self._frames += 1
         batches = {name: batch for name, batch in self._bodies.batch.items() if batch.measurement is not None}
@@ -260,7 +256,7 @@ class Simulation(Live, Placing, Tensors, Cuts):
         """
         self._bodies.one(world)
         self._upload()
-        found = {name: self._reporter.measure(batch, name, world) for name, batch in self._bodies.batch.items()}
+        found = {name: measure_object(batch, name, world) for name, batch in self._bodies.batch.items()}
         if self._bodies.coupled is not None:
             for name, meeting in self._bodies.coupled.report(world).items():
                 found[name] |= meeting

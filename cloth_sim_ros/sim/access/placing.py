@@ -11,12 +11,11 @@ import warp as wp
 from cloth_sim_ros.sim.access.hands import Hands
 from cloth_sim_ros.sim.access.queries import Queries
 from cloth_sim_ros.sim.access.starts import Depth, is_strained, off_symmetry, way_out
+from cloth_sim_ros.sim.access.tensors import MOST
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.input.checks import WorldSelection, finite_array, worlds_of
 from cloth_sim_ros.sim.topology import Topology
 
-_FAR = 1e6  # largest coordinate of given positions [m]
-_FAST = 1e6  # largest component of given velocities [m/s]
 _INSIDE = 1.01  # multiple of the thickness; a surface that lies deeper is inside a collider, as in the node's log
 
 
@@ -59,7 +58,7 @@ class Placing(Queries, Hands):
         Raises:
             ValueError: The positions have another shape, or are not finite or too large.
         """
-        rows, some = self._checked_rows(name, positions, "positions", _FAR), self._bodies.some(world)
+        rows, some = self._checked_rows(name, positions, "positions"), self._bodies.some(world)
         topology = self._bodies.elastic[name]
         if topology.winch is None and self._are_strained(name, rows, some):  # particles on a drum stay there
             rows = off_symmetry(topology, rows, topology.scales_in(worlds_of(some)).min())
@@ -88,16 +87,16 @@ class Placing(Queries, Hands):
         Raises:
             ValueError: The velocities have another shape, or are not finite or too large.
         """
-        rows, some = self._checked_rows(name, velocities, "velocities", _FAST), self._bodies.some(world)
+        rows, some = self._checked_rows(name, velocities, "velocities"), self._bodies.some(world)
         values = wp.array(rows[None], dtype=wp.float64, device=self._bodies.warp_device)
         self._bodies.batch[name].write_velocities(name, values, self._bodies.chosen(some))
 
-    def _checked_rows(self, name: str, values: Any, what: str, limit: float) -> np.ndarray:
+    def _checked_rows(self, name: str, values: Any, what: str) -> np.ndarray:
         """Return `values` as an array (N, 3), a row per particle.
 
-        Raises ValueError for another shape or a number beyond `limit`.
+        Raises ValueError for another shape or a number beyond MOST.
         """
-        count = len(self._bodies.topology(name).masses)
+        count, limit = len(self._bodies.topology(name).masses), MOST[what]
         rows = finite_array(values, 3, f"{name} {what}")
         if len(rows) != count or np.abs(rows).max() > limit:
             raise ValueError(

@@ -138,48 +138,41 @@ def make_measure_contacts(shapes: tuple[str, ...]):
     return measure_contacts
 
 
-class Reporter:
-    """Measures bodies, with a small result buffer on the device."""
-
-    def __init__(self, device: wp.Device) -> None:
-        self._device = device
-        self._result = wp.zeros(4, dtype=float, device=device)
-
-    def measure(self, batch: Batch, name: str, world: int) -> dict[str, float]:
-        """Return the part of Simulation.report that every object has, for one object."""
-        b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
-        self._result.zero_()
-        second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
-        for kind, first, end in batch.lines[b]:
-            inputs = [arrays, b, first, kind, second, implicit, self._result]
-            wp.launch(measure_lines, dim=end - first, inputs=inputs, device=self._device)
-        if batch.features.chain:
-            segments = span.stop - span.start - 1
-            wp.launch(measure_chain, dim=segments, inputs=[arrays, b, self._result], device=self._device)
-        if batch.features.shapes:
-            kernel, panels = make_measure_contacts(batch.features.shapes), batch.panels(name)
-            wp.launch(kernel, dim=panels.stop - panels.start, inputs=[arrays, b, self._result], device=self._device)
-        velocities = arrays.state.velocities[span].numpy()[:, :3].astype(np.float64)
-        inverse = arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
-        moving = inverse > 0.0
-        energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
-        result = self._result.numpy()
-        recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
-        return {
-            "kinetic_energy": energy,
-            **_elastic(batch, b, world, energy),
-            "max_strain": float(result[STRAIN]),
-            "max_penetration": float(max(result[PARTICLES], result[SURFACE])),
-            "particle_penetration": float(result[PARTICLES]),
-            "contacts": _contacts(arrays, span),
-            "residual": float(result[RESIDUAL]),
-            **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
-            "recoveries": recoveries,
-            "redone": int(arrays.state.control.redone[b : b + 1].numpy()[0]),
-            "substeps": batch.substeps(b, world),
-            **_errors(batch, b, world),
-            "iterations": batch.frame.iterations,
-        }
+def measure_object(batch: Batch, name: str, world: int) -> dict[str, float]:
+    """Return the part of Simulation.report that every object has, for one object."""
+    b, span, arrays = batch.index[name], batch.span(name), batch.worlds[world]
+    result = wp.zeros(4, dtype=float, device=batch.device)
+    second, implicit = batch.features.order == 2, batch.features.method == "xpbd"
+    for kind, first, end in batch.lines[b]:
+        inputs = [arrays, b, first, kind, second, implicit, result]
+        wp.launch(measure_lines, dim=end - first, inputs=inputs, device=batch.device)
+    if batch.features.chain:
+        segments = span.stop - span.start - 1
+        wp.launch(measure_chain, dim=segments, inputs=[arrays, b, result], device=batch.device)
+    if batch.features.shapes:
+        kernel, panels = make_measure_contacts(batch.features.shapes), batch.panels(name)
+        wp.launch(kernel, dim=panels.stop - panels.start, inputs=[arrays, b, result], device=batch.device)
+    velocities = arrays.state.velocities[span].numpy()[:, :3].astype(np.float64)
+    inverse = arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
+    moving = inverse > 0.0
+    energy = 0.5 * float(((velocities[moving] ** 2).sum(1) / inverse[moving]).sum())
+    found = result.numpy()
+    recoveries = int(arrays.state.recoveries[b : b + 1].numpy()[0])
+    return {
+        "kinetic_energy": energy,
+        **_elastic(batch, b, world, energy),
+        "max_strain": float(found[STRAIN]),
+        "max_penetration": float(max(found[PARTICLES], found[SURFACE])),
+        "particle_penetration": float(found[PARTICLES]),
+        "contacts": _contacts(arrays, span),
+        "residual": float(found[RESIDUAL]),
+        **({"torn": batch.torn.count(b, world)} if batch.torn is not None else {}),
+        "recoveries": recoveries,
+        "redone": int(arrays.state.control.redone[b : b + 1].numpy()[0]),
+        "substeps": batch.substeps(b, world),
+        **_errors(batch, b, world),
+        "iterations": batch.frame.iterations,
+    }
 
 
 def _elastic(batch: Batch, b: int, world: int, kinetic: float) -> dict[str, float]:

@@ -17,8 +17,8 @@ from cloth_sim_ros.sim.input.checks import names_of, on_host
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.scene.objects import Rope
 
-_MOST = {"positions": 1e6, "velocities": 1e6}  # largest number that can be written [m], [m/s]
-_OF_OBJECTS, _OF_POSES = (*_MOST, "contact_forces", "recoveries"), ("pose", "wrench")
+MOST = {"positions": 1e6, "velocities": 1e6}  # largest number that can be written [m], [m/s]
+_OF_OBJECTS, _OF_POSES = (*MOST, "contact_forces", "recoveries"), ("pose", "wrench")
 _OF_TWIST = ("rest_turns", "lags")
 
 
@@ -127,7 +127,7 @@ class Tensors(Ropes):
             shape = (joints, 2) if what == "rest_turns" else (joints + 1,)
             self._write_turns(name, what, self._shaped(_numbers, array, name, what, shape), mask)
             return
-        _check_word(name, what, (*_MOST, "pose"))
+        _check_word(name, what, (*MOST, "pose"))
         if what == "pose":
             poses = checked_poses(self._shaped(_numbers, array, name, what, (7,)), name)
             self._bodies.batch[name].write_pose(name, poses, self._bodies.chosen(some))
@@ -136,9 +136,9 @@ class Tensors(Ropes):
         chosen = self._bodies.chosen(some)
         if not len(chosen):
             return
-        if are_bad(values, _MOST[what], chosen):
+        if are_bad(values, MOST[what], chosen):
             raise ValueError(
-                f"{name} {what} hold a number that is not finite or too large; allowed is up to {_MOST[what]:g}"
+                f"{name} {what} hold a number that is not finite or too large; allowed is up to {MOST[what]:g}"
             )
         batch = self._bodies.batch[name]
         (batch.write_positions if what == "positions" else batch.write_velocities)(name, values, chosen)
