@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_sim_ros.sim.topology.springs import Elements
+from cloth_sim_ros.sim.topology.springs import Elements, numbers_of
 
 _STRAIGHTEST = -0.5  # largest cosine between two edges away from a vertex at which one continues the other
 _ORDER = ("bending", "shear", "structural")  # order of solving; the last kind is satisfied best, see `rounds`
@@ -101,12 +101,7 @@ def _diagonals(index: np.ndarray) -> np.ndarray:
 
 def _numbered(lines: np.ndarray, springs: Elements, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Lines of particles (L, n) and the numbers of the springs between them."""
-    key = springs.particles.min(axis=1) * count + springs.particles.max(axis=1)
-    order = np.argsort(key)
-    first, second = lines[:, :-1], lines[:, 1:]
-    wanted = np.minimum(first, second) * count + np.maximum(first, second)
-    number = order[np.minimum(np.searchsorted(key[order], wanted), len(key) - 1)]
-    return lines, np.where((second >= 0) & (key[number] == wanted), number, -1)
+    return lines, numbers_of(springs.particles, np.stack([lines[:, :-1], lines[:, 1:]], axis=2), count)
 
 
 def _paths(pairs: np.ndarray, points: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cloth_sim_ros.sim.topology.plate_mesh import in_planes
+from cloth_sim_ros.sim.topology.springs import numbers_of
 
 # Least height of a triangle over its longest edge. The edges of thinner ones are springs without coupling, as their
 # strains say too little of the strain across.
@@ -72,7 +73,8 @@ def of_triangles(
     length, area, energy = _energies(points, triangles, moduli, warp)
     diagonal = np.abs(energy).sum(axis=2)
     left = diagonal[:, :, None] * np.eye(3) - energy
-    number = _numbers(triangles, edges, len(points))
+    opposite = np.stack([triangles[:, [1, 2, 0]], triangles[:, [2, 0, 1]]], axis=2)
+    number = numbers_of(edges, opposite, len(points))  # of the edge opposite each corner
     # Per unit of elongation instead of strain, and of tension instead of energy.
     size = area[:, None] / length**2
     constants = np.bincount(number.ravel(), (size * diagonal).ravel(), len(edges))
@@ -116,11 +118,3 @@ def _energies(
     energy = back.transpose(0, 2, 1) @ moduli.matrix() @ back
     energy[~sound] = 0.5 * (moduli.warp + moduli.weft) * np.eye(3)
     return length, 0.5 * double, energy
-
-
-def _numbers(triangles: np.ndarray, edges: np.ndarray, count: int) -> np.ndarray:
-    """(T, 3): the number of the edge opposite each corner, among `edges` (E, 2) with the lesser particle first."""
-    ends = np.sort(np.stack([triangles[:, [1, 2, 0]], triangles[:, [2, 0, 1]]], axis=2), axis=2).astype(np.int64)
-    key = edges[:, 0].astype(np.int64) * count + edges[:, 1]
-    order = np.argsort(key)
-    return order[np.searchsorted(key[order], ends[:, :, 0] * count + ends[:, :, 1])]

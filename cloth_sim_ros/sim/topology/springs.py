@@ -17,3 +17,11 @@ class Elements:
     particles: np.ndarray
     rest: np.ndarray
     scale: np.ndarray
+
+
+def numbers_of(pairs: np.ndarray, wanted: np.ndarray, count: int) -> np.ndarray:
+    """Numbers (...) of those of `pairs` (E, 2) that join `wanted` (..., 2) of `count` particles, -1 for none."""
+    known, keys = (each.min(axis=-1).astype(np.int64) * count + each.max(axis=-1) for each in (pairs, wanted))
+    order = np.argsort(known)
+    found = order[np.minimum(np.searchsorted(known[order], keys), len(known) - 1)]
+    return np.where(known[found] == keys, found, -1)

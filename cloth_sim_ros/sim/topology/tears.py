@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.sim.topology.elements import Topology
-
-_NONE = -1
+from cloth_sim_ros.sim.topology.springs import numbers_of
 
 
 def under_bends(topology: Topology) -> np.ndarray:
@@ -44,13 +43,5 @@ def _sides(triangles: np.ndarray) -> np.ndarray:
 def _numbers(topology: Topology, pairs: np.ndarray, kind: str = "structural") -> np.ndarray:
     """Numbers of the springs of a kind between pairs (..., 2) of particles, -1 where there is none."""
     if kind not in topology.springs:
-        return np.full(pairs.shape[:-1], _NONE)
-    count = len(topology.masses)
-    known, wanted = (_key(each, count) for each in (topology.springs[kind].particles, pairs))
-    order = np.argsort(known)
-    found = order[np.minimum(np.searchsorted(known[order], wanted), len(known) - 1)]
-    return np.where(known[found] == wanted, found, _NONE)
-
-
-def _key(pairs: np.ndarray, count: int) -> np.ndarray:
-    return pairs.min(axis=-1).astype(np.int64) * count + pairs.max(axis=-1)
+        return np.full(pairs.shape[:-1], -1)
+    return numbers_of(topology.springs[kind].particles, pairs, len(topology.masses))
