@@ -253,18 +253,22 @@ def xyz(v: wp.vec4) -> wp.vec3:
     return wp.vec3(v[0], v[1], v[2])
 
 
-def make_tile_address(capacity: int):
-    """A Warp function: a shared tile of `capacity` vec4 -> the address of its first. For CUDA kernels alone."""
-
-    # Through a shuffle, or the compiler would compute the address anew, from a slow register, wherever it is used.
-    @wp.func_native("""
+# Through a shuffle, or the compiler would compute the address anew, from a slow register, wherever it is used.
+# Warp parses the declaration of a nested function only where no line of it is less indented.
+_TILE_ADDRESS = """
 #if defined(__CUDA_ARCH__)
 unsigned address = __shfl_sync(0xffffffffu, (unsigned)__cvta_generic_to_shared(tile.data.ptr), 0);
 return (uint64_t)__cvta_shared_to_generic(address);
 #else
 return (uint64_t)tile.data.ptr;
 #endif
-""")
+"""
+
+
+def make_tile_address(capacity: int):
+    """A Warp function: a shared tile of `capacity` vec4 -> the address of its first. For CUDA kernels alone."""
+
+    @wp.func_native(_TILE_ADDRESS)
     def tile_address(tile: wp.tile[wp.vec4, capacity]) -> wp.uint64: ...
 
     return tile_address
