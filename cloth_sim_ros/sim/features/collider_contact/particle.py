@@ -279,8 +279,10 @@ def make_touch(features: Features):
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
-                squeezed = is_squeezed(i, collider, ctx)
-                slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
+                squeezed, slack = bool(False), float(0.0)
+                if wp.static(features.pinches):
+                    squeezed = is_squeezed(i, collider, ctx)
+                    slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
                 thickness, apart = material.thickness + slack, pace(collider, step)
                 touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
                 gap = touching[3] + slack
