@@ -60,6 +60,7 @@ class Saving:
             "structure": structure_of(bodies),
             "batches": _names(bodies),
             "settings": {name: getattr(bodies.settings, name) for name in _LIVE_SETTINGS},
+            "speed": bodies.speed,
             "choices": {name: dataclasses.asdict(choice) for name, choice in bodies.as_chosen.items()},
             "scales": {name: rows.tolist() for name, rows in bodies.scales.items()},
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
@@ -150,6 +151,7 @@ class Saving:
             {name: _choice(header["choices"][name]) for name in objects},
             scene=dataclasses.replace(bodies.scene, objects=objects, colliders=colliders),
             settings=dataclasses.replace(bodies.settings, **header["settings"]),
+            speed=_speed(header["speed"]),
             collider_row=rows,
             scales={
                 name: check_worlds(table.SCALE, np.atleast_1d(each), f"{name}.scale", bodies.worlds, None)
@@ -183,6 +185,13 @@ def _whole(number: Any) -> int:
     """A count from a header. Raises ValueError."""
     if type(number) is not int or not 0 <= number < 1 << 53:
         raise ValueError(f"its frames are {table.shown(number)}")
+    return number
+
+
+def _speed(number: Any) -> float:
+    """The speed of a device from a header. Raises ValueError."""
+    if type(number) is not float or not 0.0 < number <= table.row(table.SOLVER, "speed").high:
+        raise ValueError(f"its speed is {table.shown(number)}")
     return number
 
 

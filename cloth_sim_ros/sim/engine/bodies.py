@@ -41,7 +41,7 @@ from cloth_sim_ros.sim.substeps import choose as choosing
 from cloth_sim_ros.sim.substeps import prices
 from cloth_sim_ros.sim.substeps.choose import Choice, distinct
 from cloth_sim_ros.sim.substeps.prices import Surroundings
-from cloth_sim_ros.sim.substeps.speed import with_speed
+from cloth_sim_ros.sim.substeps.speed import speed_of
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology import build as build_topology
 from cloth_sim_ros.sim.topology.elements import Constraints, Stitches
@@ -55,13 +55,14 @@ _PASSING, _PASSING_ROPE = 6.0, 1.2
 
 
 class Bodies:
-    """The objects of `scene`, in batches that share a kernel; rebuilt when method auto changes its choice.
+    """The objects of `scene`, in batches that share a kernel.
 
-    builds: number of builds; results of `device_arrays` are valid until it changes. moves: name -> motion from the
-    object's place in the scene to its start. scales: name -> Topology.world_scales. as_chosen: name -> how the object
-    is computed, without what was measured since. handle_counts, handle_breaks (worlds, H): how many particles a handle
-    holds, and how often it let go under load. grasps: handle -> the one object that it grasps, "" is any. Raises
-    ValueError for a number of worlds or a device that is not allowed, and for a mesh that is not manifold.
+    speed: of the device, see speed.py. builds: number of builds; results of `device_arrays` are valid until it changes.
+    moves: name -> motion from the object's place in the scene to its start. scales: name -> Topology.world_scales.
+    as_chosen: name -> how the object is computed, without what was measured since. handle_counts, handle_breaks
+    (worlds, H): how many particles a handle holds, and how often it let go under load. grasps: handle -> the one object
+    that it grasps, "" is any. Raises ValueError for a number of worlds or a device that is not allowed, and for a mesh
+    that is not manifold.
     """
 
     def __init__(self, scene: Scene, settings: Settings, device: str, worlds: int, executor: str | None) -> None:
@@ -72,7 +73,7 @@ class Bodies:
         self.scene, self.worlds, self.builds = scene, worlds, 0
         self._executor = executor
         self.warp_device = find_device(device)
-        self.settings = with_speed(settings, self.warp_device)
+        self.settings, self.speed = settings, settings.speed or speed_of(self.warp_device)
         self.frame = LiveArray(Frame, 1, worlds, self.warp_device)
         rows = len(scene.colliders) + scene.spare_colliders
         self.shapes = shapes_of(scene.colliders.values(), scene.spare_colliders > 0)
@@ -134,7 +135,7 @@ class Bodies:
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
         wind, spare = self.scene.wind is not None, self.scene.spare_colliders
         costs = [each.cost for each in self.scene.colliders.values()][: self.fixed] + [Collider.cost] * spare
-        return Surroundings(device, wind, costs, self.worlds, spare > 0, self._is_coupled(name), gravity)
+        return Surroundings(device, wind, costs, self.worlds, spare > 0, self._is_coupled(name), gravity, self.speed)
 
     def _share_budget(self) -> dict[str, float]:
         """Share of the budget of each object. Those that advance in step count as one. A GPU runs objects side by side.
@@ -207,7 +208,9 @@ class Bodies:
 
     def change_setting(self, name: str, value: Any) -> None:
         """Change a live setting of the solver."""
-        self.settings = with_speed(replace(self.settings, **{name: value}), self.warp_device)
+        self.settings = replace(self.settings, **{name: value})
+        if name == "speed":
+            self.speed = value or speed_of(self.warp_device)
 
     def start_elsewhere(self, name: str, motion: Motion) -> None:
         """Let an object start displaced by this motion from its place in the scene."""
@@ -365,7 +368,7 @@ class Bodies:
         self._write_limits()
 
     def derived(self, choices: dict[str, Choice], **parts: Any) -> Bodies:
-        """Return bodies of the same structure with other choices, and `parts` scene, settings, collider_row, scales.
+        """Return bodies of the same structure with other choices, and other `parts`: attributes by name.
 
         They share all arrays that can stay. Nothing in `self` changes until `adopt`.
         """

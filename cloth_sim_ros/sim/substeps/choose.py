@@ -119,7 +119,7 @@ def _xpbd(
 ) -> Choice:
     """Choose XPBD, with bounds of its substeps; limit: substeps that leapfrog needs without dashpots."""
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
-    price = iterations * prices.xpbd(topology, materials, around) / settings.speed
+    price = iterations * prices.xpbd(topology, materials, around) / around.speed
     fewest = _fewest(topology, around.coupled)
     paid = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
@@ -148,7 +148,7 @@ def _xpbd(
     share = limits.bending_share(rate, _effective(settings, order) / substeps)
     if share < 1.0:
         reason += f"; {share:.2g} of its bending rigidity acts"
-    test = prices.test(around) / settings.speed / price
+    test = prices.test(around) / around.speed / price
     if test > 0.0:
         fewest = min(least, math.ceil(max(fewest, smooth, bending, steady)))
     else:

@@ -35,8 +35,8 @@ class Surroundings:
     """Properties of a scene that determine the cost of a substep.
 
     device: "cpu" or "cuda". wind: True with air. colliders: the cost of each. worlds: number of them. surface: True if
-    colliders are also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2]. share:
-    share of the budget that is the object's own.
+    colliders are also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2]. speed:
+    that of the device, see speed.py. share: share of the budget that is the object's own.
     """
 
     device: str
@@ -46,6 +46,7 @@ class Surroundings:
     surface: bool = False
     coupled: bool = False
     gravity: float = 9.81
+    speed: float = 1.0
     share: float = 1.0
 
     @property

@@ -10,7 +10,6 @@ import math
 import os
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.kernels.compiled import compiled
-from cloth_sim_ros.sim.scene.settings import Settings
 
 VARIABLE = "CLOTH_SIM_SPEED"  # environment variable whose value is taken instead
 _FILE = "cloth_sim_ros_speeds.json"  # device name -> speed
@@ -36,20 +34,18 @@ def sweep_chain(chain: wp.array(dtype=wp.vec4), sweeps: int):
             chain[i] -= (0.5 - 0.5 / wp.length(apart)) * apart
 
 
-def with_speed(settings: Settings, device: wp.Device) -> Settings:
-    """Settings whose speed is a number: if it is 0, that of VARIABLE, else the measured one. Raises ValueError."""
-    if settings.speed > 0.0:
-        return settings
+def speed_of(device: wp.Device) -> float:
+    """Speed of a device: that of VARIABLE if it is set, else the kept one, else the measured one. Raises ValueError."""
     given = os.environ.get(VARIABLE)
     if given is None:
-        return replace(settings, speed=_kept(device.alias))
+        return _kept(device.alias)
     try:
         speed = table.check(table.row(table.SOLVER, "speed"), float(given), VARIABLE)
     except ValueError:
         speed = 0.0
     if speed <= 0.0:
         raise ValueError(f"{VARIABLE} is {given!r}; allowed is a number above 0")
-    return replace(settings, speed=speed)
+    return speed
 
 
 @functools.cache

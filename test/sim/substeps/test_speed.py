@@ -29,36 +29,36 @@ def cache(tmp_path, monkeypatch):
 def test_the_speed_is_measured_once_and_kept(cache):
     first = towel()
     kept = json.loads(cache.read_text())
-    assert list(kept.values()) == [first.settings.speed] and 0.01 < first.settings.speed < 100.0
+    assert list(kept.values()) == [first._bodies.speed] and 0.01 < first._bodies.speed < 100.0
     speed._kept.cache_clear()  # another process
     cache.write_text(json.dumps({name: 4.0 * value for name, value in kept.items()}))
     second = towel()
-    assert second.settings.speed == 4.0 * first.settings.speed
+    assert second._bodies.speed == 4.0 * first._bodies.speed
     assert second.choices["it"].most == pytest.approx(4.0 * first.choices["it"].most, rel=0.1)
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", '{"CPU": "fast"}', '{"CPU": -1.0}', '{"CPU": NaN}'])
 def test_a_file_that_holds_no_speed_is_replaced(cache, text):
     cache.write_text(text)
-    measured = towel().settings.speed
+    measured = towel()._bodies.speed
     assert measured > 0.0 and json.loads(cache.read_text())["CPU"] == measured
 
 
 def test_a_cache_that_cannot_be_written_costs_a_measurement_at_each_start(cache):
     cache.mkdir()
-    assert towel().settings.speed > 0.0
+    assert towel()._bodies.speed > 0.0
 
 
 def test_the_speed_that_is_set_counts_before_any_other(cache, monkeypatch):
     monkeypatch.setenv(speed.VARIABLE, "0.5")
-    assert towel().settings.speed == 0.5
+    assert towel()._bodies.speed == 0.5
     sim = towel(speed=2.0)
-    assert sim.settings.speed == 2.0 and not cache.exists()
+    assert sim._bodies.speed == 2.0 and not cache.exists()
     most = sim.choices["it"].most
     sim.set("solver.speed", 1.0)
     assert sim.choices["it"].most == pytest.approx(0.5 * most, rel=0.1)
     sim.set("solver.speed", 0.0)
-    assert sim.settings.speed == 0.5
+    assert sim._bodies.speed == 0.5
 
 
 def test_a_saved_state_keeps_the_speed(monkeypatch, tmp_path):
@@ -68,7 +68,7 @@ def test_a_saved_state_keeps_the_speed(monkeypatch, tmp_path):
         sims.append(towel())
     sims[0].save(tmp_path / "state")
     sims[1].load(tmp_path / "state")
-    assert sims[1].settings.speed == 0.5
+    assert sims[1]._bodies.speed == 0.5
     for sim in sims:
         sim.set("solver.budget", 0.05)
     assert sims[0].choices["it"].most == sims[1].choices["it"].most
