@@ -445,10 +445,7 @@ SPARE_COLLIDERS = Parameter(
 )
 
 OBJECT_CONTACT = Parameter(
-    "object_contact",
-    "bool",
-    False,
-    "Whether objects keep the sum of their thicknesses, or radii, from one another.",
+    "object_contact", "bool", False, "Whether objects keep the sum of their thicknesses, or radii, from one another."
 )
 
 GRAVITY = vector("gravity", (0, 0, -9.81), "Acceleration of gravity.", "m/s^2", -1e4, 1e4, live=True)

@@ -12,14 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from cloth_sim_ros.identify.cable import Cable
 from cloth_sim_ros.identify.cable_lag import lags as guessed_lags
-from cloth_sim_ros.identify.cable_shape import (
-    as_numbers,
-    fit_shape,
-    from_numbers,
-    headings,
-    turn_between,
-    turns,
-)
+from cloth_sim_ros.identify.cable_shape import as_numbers, fit_shape, from_numbers, headings, turn_between, turns
 from cloth_sim_ros.identify.candidates import Sought, values_of
 from cloth_sim_ros.identify.markers import Markers, bridged
 from cloth_sim_ros.parameters import number

@@ -97,13 +97,7 @@ class Candidates:
     near = 1e-4  # of the range: how near the best place `refine` wants its candidates
 
     def __init__(
-        self,
-        scene: Scene,
-        settings: Settings,
-        recording: Recording,
-        fit: Sequence[str],
-        worlds: int,
-        device: str,
+        self, scene: Scene, settings: Settings, recording: Recording, fit: Sequence[str], worlds: int, device: str
     ) -> None:
         pair = Simulation(scene, settings, device, worlds=2)
         recording.check(pair)

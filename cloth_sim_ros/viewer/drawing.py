@@ -152,11 +152,7 @@ class Drawing:
             self.handles[name].colors = colours
             return
         self.handles[name] = self._server.scene.add_point_cloud(
-            self._path(name),
-            np.asarray(points),
-            np.asarray(colours, np.uint8),
-            point_size=size,
-            point_shape="circle",
+            self._path(name), np.asarray(points), np.asarray(colours, np.uint8), point_size=size, point_shape="circle"
         )
 
     def label(self, name: str, text: str, position: np.ndarray) -> None:

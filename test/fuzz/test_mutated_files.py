@@ -21,9 +21,7 @@ from cloth_sim_ros.study.scene_file import read_plan
 ROOT = Path(__file__).parents[2]
 PARTS = [range(begin, begin + 2_500) for begin in range(0, 10_000, 2_500)]
 seeds_of = pytest.mark.parametrize(
-    "seeds",
-    [range(200), *(pytest.param(part, marks=pytest.mark.long) for part in PARTS)],
-    ids=str,
+    "seeds", [range(200), *(pytest.param(part, marks=pytest.mark.long) for part in PARTS)], ids=str
 )
 
 

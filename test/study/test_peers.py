@@ -49,11 +49,7 @@ def test_a_peer_that_cannot_stand_in_the_figure_is_named():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "runs",
-    [*PEERS, *OTHER_MODELS, *CONTENDERS],
-    ids=lambda runs: runs.label,
-)
+@pytest.mark.parametrize("runs", [*PEERS, *OTHER_MODELS, *CONTENDERS], ids=lambda runs: runs.label)
 def test_the_first_of_many_worlds_moves_as_one_alone(runs):
     if isinstance(runs, Peer):
         pytest.importorskip(runs.package)

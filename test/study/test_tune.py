@@ -84,10 +84,7 @@ def test_bad_files_give_one_sentence(scene, old, new, word):
         ("", ""),
         ("    solver:\n      substeps: 3   # keep me\n      iterations: 2\n", ""),
         ("    solver:\n      substeps: 3   # keep me\n", "    solver: {substeps: 3}  # keep me\n    x:\n"),
-        (
-            "    solver:\n      substeps: 3   # keep me\n      iterations: 2\n",
-            "    solver.substeps: 3 # keep me\n",
-        ),
+        ("    solver:\n      substeps: 3   # keep me\n      iterations: 2\n", "    solver.substeps: 3 # keep me\n"),
     ],
 )
 def test_solver_settings_are_put_in_place(scene, old, new):

@@ -24,12 +24,7 @@ class Commands:
     """The subscriptions of `node`, whose callbacks run in the executor's thread."""
 
     def __init__(
-        self,
-        node: Node,
-        loop: SimulationLoop,
-        bridge: ParameterBridge,
-        frames: Frames,
-        complaints: inputs.Complaints,
+        self, node: Node, loop: SimulationLoop, bridge: ParameterBridge, frames: Frames, complaints: inputs.Complaints
     ):
         self._loop, self._bridge, self._frames, self._complaints = loop, bridge, frames, complaints
         values = bridge.values

@@ -93,12 +93,7 @@ class Hands:
         self._bodies.handles.place(self._bodies.handle_row[name], world, handle.position, handle.orientation)
 
     def set_handle_pose(
-        self,
-        name: str,
-        position: Any,
-        orientation: Any = (0.0, 0.0, 0.0, 1.0),
-        sweep: bool = True,
-        world: Any = None,
+        self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0), sweep: bool = True, world: Any = None
     ) -> None:
         """Move a handle, and the particles it holds, to a pose.
 

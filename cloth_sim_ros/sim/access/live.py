@@ -31,12 +31,7 @@ class Live(Ropes, Hands):
     """Changes live parameters and colliders of a running simulation."""
 
     def set_collider_pose(
-        self,
-        name: str,
-        position: Any,
-        orientation: Any = (0.0, 0.0, 0.0, 1.0),
-        sweep: bool = True,
-        world: Any = None,
+        self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0), sweep: bool = True, world: Any = None
     ) -> None:
         """Move a collider to a pose.
 

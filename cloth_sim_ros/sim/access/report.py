@@ -22,13 +22,7 @@ SPREAD = 6  # steps along each edge of the grid of points at which penetration i
 
 @compiled
 def measure_lines(
-    arrays: Arrays,
-    b: int,
-    first: int,
-    kind: int,
-    second: bool,
-    implicit: bool,
-    result: wp.array(dtype=float),
+    arrays: Arrays, b: int, first: int, kind: int, second: bool, implicit: bool, result: wp.array(dtype=float)
 ):
     k = first + wp.tid()
     m = arrays.model

@@ -18,15 +18,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros import parameters as table
-from cloth_sim_ros.sim.access.saved_file import (
-    ALLOWED,
-    SavedFile,
-    finite,
-    is_finite,
-    path_of,
-    reason,
-    write_file,
-)
+from cloth_sim_ros.sim.access.saved_file import ALLOWED, SavedFile, finite, is_finite, path_of, reason, write_file
 from cloth_sim_ros.sim.arrays.live_array import LiveArray
 from cloth_sim_ros.sim.arrays.masses import Masses
 from cloth_sim_ros.sim.colliders import SHAPES, shape_of

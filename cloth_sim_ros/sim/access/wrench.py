@@ -108,14 +108,7 @@ class EndWrenches:
         b, arrays, device = batch.index[name], batch.worlds[world], batch.device
         self._tensions = Tensions(batch, name, world)
         self._masses = batch.masses.masses[world, batch.span(name)]
-        inputs = [
-            arrays,
-            b,
-            self._tensions.forces[0],
-            batch.features.beam,
-            self._masses,
-            out,
-        ]
+        inputs = [arrays, b, self._tensions.forces[0], batch.features.beam, self._masses, out]
         self._command = wp.launch(write_wrenches, dim=2, inputs=inputs, device=device, record_cmd=True)
 
     def launch(self) -> None:

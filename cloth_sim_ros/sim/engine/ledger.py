@@ -10,14 +10,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.engine.saved import Saved
 from cloth_sim_ros.sim.kernels.device import call_all
-from cloth_sim_ros.sim.substeps.energy import (
-    Energies,
-    begin_again,
-    end_again,
-    find_energies,
-    judge_frames,
-    open_frames,
-)
+from cloth_sim_ros.sim.substeps.energy import Energies, begin_again, end_again, find_energies, judge_frames, open_frames
 
 _PARTICLES = 1024  # number of particles of a block
 

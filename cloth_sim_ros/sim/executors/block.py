@@ -62,10 +62,7 @@ class Block:
             fits = not device.is_cpu and largest <= capacity(device)
             kernel = make_frame(features, _room_for(features, largest) if fits else 0, block, shared_memory(device))
         else:
-            kernel, group = (
-                make_spread_frame(features, block),
-                cooperative_groups_of(bodies, blocks, block, device),
-            )
+            kernel, group = (make_spread_frame(features, block), cooperative_groups_of(bodies, blocks, block, device))
             inputs, threads = [*inputs, bodies, group], group.teams * group.width
         self._launch = wp.launch(kernel, dim=threads, inputs=inputs, device=device, block_dim=block, record_cmd=True)
 

@@ -75,12 +75,7 @@ class Graph:
     meeting: contact between bodies. sewing: seams between them.
     """
 
-    def __init__(
-        self,
-        members: Sequence[Member],
-        meeting: Meeting | None = None,
-        sewing: Sewing | None = None,
-    ) -> None:
+    def __init__(self, members: Sequence[Member], meeting: Meeting | None = None, sewing: Sewing | None = None) -> None:
         self._members, self._meeting, self._sewing = members, meeting, sewing
         self._frames: dict[tuple[int, int], list[Call]] = {}
 
@@ -148,14 +143,7 @@ def _make_kernel(part: str, run, features: Features, block: int, module: wp.Modu
     """Return the kernel that runs a part in the substep and iteration of a launch."""
     home_of, enter, argument = make_home(features), make_enter(features), given_type(features)
 
-    def launched(
-        given: argument,
-        bodies: int,
-        group: CooperativeGroup,
-        substep: int,
-        iteration: int,
-        last: int,
-    ):
+    def launched(given: argument, bodies: int, group: CooperativeGroup, substep: int, iteration: int, last: int):
         t = number_of(wp.tid(), group)
         mode = flush_denormals()
         for b in range(wp.tid() / group.width, bodies, group.teams):

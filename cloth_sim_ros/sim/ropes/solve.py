@@ -14,16 +14,7 @@ from cloth_sim_ros.sim.features.collider_contact.lean import make_lean, make_lea
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, sync, sync_any, xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
-from cloth_sim_ros.sim.ropes.newton import (
-    OVERSTRETCHED,
-    TOO_FAR,
-    UNSETTLED,
-    assemble,
-    eliminate,
-    judge,
-    move,
-    prepare,
-)
+from cloth_sim_ros.sim.ropes.newton import OVERSTRETCHED, TOO_FAR, UNSETTLED, assemble, eliminate, judge, move, prepare
 
 # Largest squared turn of a segment by a step [rad^2]; above it a linear solve is not valid.
 LARGEST_TURN = wp.constant(0.09)

@@ -74,10 +74,7 @@ class Choice:
 
 
 def choose(
-    settings: Settings,
-    topology: Topology,
-    materials: Collection[tuple[Sequence[float], float]],
-    around: Surroundings,
+    settings: Settings, topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings
 ) -> Choice:
     """Choose how to compute an object whose worlds have these pairs of compliances and damping.
 

@@ -57,10 +57,7 @@ def _grid_springs(cloth: Cloth, index: np.ndarray, local: np.ndarray) -> dict[st
     along, across = lines(1)
     groups = {"structural": [along, (*across[:2], across[2] * cloth.weft_over_warp)]}
     if cloth.shear_compliance is not None:
-        groups["shear"] = [
-            (index[:-1, :-1], index[1:, 1:], one),
-            (index[:-1, 1:], index[1:, :-1], one),
-        ]
+        groups["shear"] = [(index[:-1, :-1], index[1:, 1:], one), (index[:-1, 1:], index[1:, :-1], one)]
     if cloth.bend_compliance is not None and cloth.bending == "springs" and max(nx, ny) > 2:
         groups["bending"] = lines(2)
     return {kind: _springs(parts, local) for kind, parts in groups.items()}

@@ -15,16 +15,7 @@ from matplotlib.figure import Figure
 from cloth_sim_ros.sim import Fabric, Settings
 from cloth_sim_ros.sim.scene.materials import FABRICS
 from cloth_sim_ros.status_line import show
-from cloth_sim_ros.study.fabric.laboratory import (
-    RADIUS,
-    SUPPORT,
-    Drape,
-    drape,
-    modulus,
-    overhung,
-    pulled,
-    sheared,
-)
+from cloth_sim_ros.study.fabric.laboratory import RADIUS, SUPPORT, Drape, drape, modulus, overhung, pulled, sheared
 from cloth_sim_ros.study.fabric.meshes import KINDS, circle
 from cloth_sim_ros.study.figures import save_png
 

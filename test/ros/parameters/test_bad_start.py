@@ -134,11 +134,7 @@ def test_files_that_are_no_parameter_files(tmp_path, text, sentence):
 @pytest.mark.parametrize(
     ("program", "given", "sentence"),
     [
-        (
-            "ros",
-            ["--params-file", "a.yaml"],
-            "--params-file a.yaml are not known; allowed is --ros-args and what",
-        ),
+        ("ros", ["--params-file", "a.yaml"], "--params-file a.yaml are not known; allowed is --ros-args and what"),
         ("demo.driver", ["../config/curtain"], "../config/curtain has no driver; allowed is one of arm, bag, "),
         ("demo.driver", ["driver"], "driver has no driver; allowed is one of"),
     ],

@@ -73,8 +73,4 @@ def test_each_wait_counts_for_itself(watched):
         watched.work("", 1, compiling=False)
     told = [(level, sentence.split(",")[0]) for level, sentence in watched.logged]
     compiles = ("INFO", "compiling kernels")
-    assert told == [
-        compiles,
-        ("WARN", "frame has taken 5 s so far; fewer substeps or iterations"),
-        compiles,
-    ]
+    assert told == [compiles, ("WARN", "frame has taken 5 s so far; fewer substeps or iterations"), compiles]

@@ -10,10 +10,7 @@ from driven_scenes import contents, drive, make, saved, torn_scene
 
 from cloth_sim_ros.sim import Simulation
 
-SIMULATIONS = {
-    "driven": lambda: make("auto", "cpu"),
-    "torn": lambda: Simulation(torn_scene(), device="cpu"),
-}
+SIMULATIONS = {"driven": lambda: make("auto", "cpu"), "torn": lambda: Simulation(torn_scene(), device="cpu")}
 
 
 @pytest.fixture(scope="module", params=SIMULATIONS)

@@ -130,15 +130,9 @@ def test_other_worlds_keep_their_start(device):
 @pytest.mark.parametrize(
     ("vary", "words"),
     [
-        (
-            {"sheet.position": {"uniform": [[2e4, 0, 0], [3e4, 0, 0]]}},
-            "sheet.position has shape .* to 10000",
-        ),
+        ({"sheet.position": {"uniform": [[2e4, 0, 0], [3e4, 0, 0]]}}, "sheet.position has shape .* to 10000"),
         ({"sheet.position": {"uniform": [[0, 0], [1, 1]]}}, "vary.sheet.position has vectors .*; allowed are 3"),
-        (
-            {"sheet.orientation": {"uniform": [0, 0]}},
-            "sheet.orientation is .* in row 0; allowed",
-        ),
+        ({"sheet.orientation": {"uniform": [0, 0]}}, "sheet.orientation is .* in row 0; allowed"),
         ({"sheet.size": {"uniform": [1, 2]}}, "no live parameter 'sheet.size'"),
         ({"sheet.damping": {"normal": [0]}}, "vary.sheet.damping is .*; allowed is one of uniform, log_uniform"),
         ({"sheet.damping": {"gamma": [0, 1]}}, "vary.sheet.damping is .*; allowed"),
@@ -147,10 +141,7 @@ def test_other_worlds_keep_their_start(device):
         ({"sheet.damping": 3}, "vary.sheet.damping is 3; allowed"),
         ([1], r"vary is \[1\]; allowed is a mapping"),
         ({"flag.damping": {"uniform": [0, 1]}}, "no live parameter 'flag.damping'"),
-        (
-            {"sheet.damping": {"uniform": [[0, 0], 1]}},
-            "vary.sheet.damping has vectors .*; allowed are 1",
-        ),
+        ({"sheet.damping": {"uniform": [[0, 0], 1]}}, "vary.sheet.damping has vectors .*; allowed are 1"),
         ({"sheet.damping": {"normal": [0, 1]}}, "sheet.damping has shape .*; allowed are .* from 0 to 1000"),
     ],
 )

@@ -327,10 +327,7 @@ def test_bad_scales_are_refused_and_change_nothing(device):
     assert equal(states(sim, 1), before)
     sim.set("it.scale", 1.2, 0)
     assert [sim.get("it.scale", w) for w in range(2)] == [1.2, 1.5]
-    one_size = {
-        "hangs on a winch": Rope(segments=4, winch=Winch(0.5)),
-        "tears": Cloth((4, 4), tear_strain=0.5),
-    }
+    one_size = {"hangs on a winch": Rope(segments=4, winch=Winch(0.5)), "tears": Cloth((4, 4), tear_strain=0.5)}
     for words, thing in one_size.items():
         sim = Simulation(Scene({"it": thing}), fixed(), device, worlds=2)
         with pytest.raises(ValueError, match=f"it.scale is set but it {words}; allowed is"):

@@ -20,12 +20,7 @@ trimesh = pytest.importorskip("trimesh")
 BALL, POLE, SLAB = 0.2, (0.08, 0.25), (0.3, 0.2, 0.05)
 LYING = {"orientation": (np.sqrt(0.5), 0, 0, np.sqrt(0.5))}
 WEIGHT = 0.2 * 9.81
-WAYS = [
-    (None, {}),
-    (None, {"order": 2}),
-    (None, {"method": "verlet", "substeps": 80}),
-    ("graph", {"iterations": 2}),
-]
+WAYS = [(None, {}), (None, {"order": 2}), (None, {"method": "verlet", "substeps": 80}), ("graph", {"iterations": 2})]
 PUSHED = [("ball", *WAYS[0]), ("slab", *WAYS[0]), ("pole", *WAYS[1]), ("ball", *WAYS[2]), ("slab", *WAYS[3])]
 
 

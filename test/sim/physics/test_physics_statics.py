@@ -29,11 +29,7 @@ def lumped(total, segments):
 def test_load_sags_by_compliance_times_load(device, substeps, iterations):
     length, compliance, load = 0.8, 1e-3, 2.0
     rope = Rope(
-        start=(0, 0, 0),
-        end=(0, 0, -length),
-        segments=1,
-        stretch_compliance=compliance,
-        particle_masses=[0.1, load],
+        start=(0, 0, 0), end=(0, 0, -length), segments=1, stretch_compliance=compliance, particle_masses=[0.1, load]
     )
     sim = settled(rope, device, substeps=substeps, iterations=iterations)
     sag = -sim.positions("it")[1, 2] - length
@@ -70,11 +66,7 @@ def test_rope_hangs_as_its_closed_form(device, segments, load, substeps, iterati
     masses = lumped(mass, segments)
     masses[-1] += load
     rope = Rope(
-        start=(0, 0, 0),
-        end=(0, 0, -length),
-        segments=segments,
-        stretch_compliance=compliance,
-        particle_masses=masses,
+        start=(0, 0, 0), end=(0, 0, -length), segments=segments, stretch_compliance=compliance, particle_masses=masses
     )
     sim = settled(rope, device, drag=20.0, substeps=substeps, iterations=iterations)
     elongation = -sim.positions("it")[:, 2] - np.linspace(0.0, length, segments + 1)

@@ -17,8 +17,4 @@ class AirState:
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
     ahead = n.particles if features.order == 2 and features.panels else 0
-    return {
-        "ahead_positions": ahead,
-        "ahead_velocities": ahead,
-        "panel_forces": n.panels if features.panels else 0,
-    }
+    return {"ahead_positions": ahead, "ahead_velocities": ahead, "panel_forces": n.panels if features.panels else 0}

@@ -59,11 +59,7 @@ def make_panels(features: Features):
         return corners
 
     @wp.func
-    def panel_forces(
-        t: int,
-        width: int,
-        ctx: Context,
-    ):
+    def panel_forces(t: int, width: int, ctx: Context):
         x = ctx.x
         v = array_address(ctx.state.velocities, ctx.body.particles)
         if wp.static(features.order == 2):

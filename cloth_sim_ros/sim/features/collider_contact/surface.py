@@ -13,14 +13,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import (
-    CORNER,
-    FAST,
-    Facet,
-    longest_way,
-    point_of,
-    slip_at,
-)
+from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, FAST, Facet, longest_way, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corner_in,
