@@ -22,11 +22,11 @@ _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
 _SEGMENT, _BEND, _LEAN = 85.0 * _NS, 60.0 * _NS, 80.0 * _NS
 _TEST = 90.0 * _NS  # cost of a test whether a box can touch a facet [ms]
 _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an object that lies in layers [ms]
-# Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds; a rope in a block. Then six
-# stages in one block, their cost per particle of the object, and per particle of all worlds. Last, self and object
-# contact, and its cost per particle of all worlds.
-_STAGE, _STAGE_PARTICLE, _ROPE = 3.0e-3, 8.0e-8, 5.0e-3
-_BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE = 4.0e-3, 8.0e-6, 2.4e-7
+# Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds. A rope in a block, and its
+# cost in each further world. Then six stages in one block, their cost per particle of the object, and per particle of
+# all worlds, and what contact of facets adds. Last, self and object contact, and its cost per particle of all worlds.
+_STAGE, _STAGE_PARTICLE, _ROPE, _ROPES = 5.5e-3, 1.1e-7, 4.0e-2, 6.5e-5
+_BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE, _TOUCHING = 7.5e-3, 1.5e-5, 3.4e-7, 4.5e-2
 _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
 
@@ -80,10 +80,10 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
     bends = topology.bends is not None
     if not len(topology.triangles):
         each = _SEGMENT + _BEND * bends + _LEAN * (around.near > 0) * (1 + around.surface) + _touching(around)
-        return _ROPE if around.device == "cuda" else around.worlds * count * each
+        return _ROPE + _ROPES * around.worlds if around.device == "cuda" else around.worlds * count * each
     if around.device == "cuda":
         stages = 2 + len(topology.families) + coupled + around.wind + plate + 2 * around.surface
-        return _in_blocks(topology, stages, around)
+        return _in_blocks(topology, stages, around) + _TOUCHING * around.surface
     springs = sum(len(elements.rest) for elements in topology.springs.values())
     damped = any(damping > 0.0 for _, damping in materials)
     each = _MOTION + _AIR * around.wind + _touching(around)
