@@ -25,8 +25,8 @@ _LAYERS = 500.0 * _NS  # cost of self and object contact per particle of an obje
 # Cost on an H200 [ms]. A stage of several blocks, and its cost per particle of all worlds. A rope in a block, and its
 # cost in each further world. Then six stages in one block, their cost per particle of the object, and per particle of
 # all worlds, and what contact of facets adds. Last, self and object contact, and its cost per particle of all worlds.
-_STAGE, _STAGE_PARTICLE, _ROPE, _ROPES = 5.5e-3, 1.1e-7, 4.0e-2, 6.5e-5
-_BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE, _TOUCHING = 7.5e-3, 1.5e-5, 3.4e-7, 4.5e-2
+_STAGE, _STAGE_PARTICLE, _ROPE, _ROPES = 5.5e-3, 8.0e-8, 4.0e-2, 6.5e-5
+_BLOCK, _BLOCK_OWN, _BLOCK_PARTICLE, _TOUCHING = 7.5e-3, 1.5e-5, 2.4e-7, 2.0e-2
 _LAYERS_LAUNCHED, _LAYERS_PARTICLE = 0.14, 1.2e-5
 
 

@@ -20,8 +20,9 @@ from cloth_sim_ros.sim.kernels.compiled import compiled
 
 VARIABLE = "CLOTH_SIM_SPEED"  # environment variable whose value is taken instead
 _FILE = "cloth_sim_ros_speeds.json"  # device name -> speed
-_PARTICLES, _SWEEPS, _RUNS = 1024, 4, 200  # of a run so short that other processes seldom interrupt it
-_REFERENCE = {"cpu": 5.3e-5, "cuda": 1.2e-3}  # time of _SWEEPS by a thread where the speed is 1 [s]
+_PARTICLES, _RUNS = 1024, 400
+# Sweeps of a run, so short that other processes seldom interrupt it, and its time where the speed is 1 [s].
+_SWEEPS = {"cpu": (4, 5.3e-5), "cuda": (1, 3.05e-4)}
 _STEPS = 2  # measured speeds are rounded to so many values between one and its double
 
 
@@ -70,10 +71,11 @@ def _measured(device: wp.Device) -> float:
     rows = np.zeros((_PARTICLES, 4), np.float32)
     rows[:, 0] = 1.5 * np.arange(_PARTICLES)
     chain, seconds = wp.array(rows, dtype=wp.vec4, device=device), math.inf
+    sweeps, reference = _SWEEPS["cpu" if device.is_cpu else "cuda"]
     for _ in range(_RUNS):
         wp.synchronize_device(device)
         begin = time.perf_counter()
-        wp.launch(sweep_chain, 1, inputs=[chain, _SWEEPS], device=device)
+        wp.launch(sweep_chain, 1, inputs=[chain, sweeps], device=device)
         wp.synchronize_device(device)
         seconds = min(seconds, time.perf_counter() - begin)
-    return 2.0 ** (round(_STEPS * math.log2(_REFERENCE["cpu" if device.is_cpu else "cuda"] / seconds)) / _STEPS)
+    return 2.0 ** (round(_STEPS * math.log2(reference / seconds)) / _STEPS)
