@@ -20,6 +20,7 @@ def over_the_peg():
     return plan
 
 
+@pytest.mark.long
 def test_what_is_let_go_beside_the_peg_falls_freely(device):
     env = HangTowel(3, device, vary={})
     env.reset(seed=1)

@@ -146,6 +146,7 @@ def test_a_placed_collider_was_never_in_between(device):
     assert np.array_equal(sim.positions("cloth"), before)
 
 
+@pytest.mark.long
 def test_a_fast_thin_collider_does_not_pass_through(device):
     """A plate thinner than its motion in a substep sweeps 0.8 m in two frames."""
     sim = sheet_sim(device, {"plate": Box(half_extents=(0.3, 0.001, 0.3), position=(0, -0.4, 0))}, pins=None)

@@ -242,7 +242,7 @@ def test_resets_by_scope(caller):
 
 
 @pytest.mark.parametrize("old", [False, True])
-@pytest.mark.parametrize("text", [SHEET, LINE, CRATE])
+@pytest.mark.parametrize("text", [SHEET, pytest.param(LINE, marks=pytest.mark.long), CRATE])
 def test_what_is_spawned_is_where_it_was_wanted_and_goes(caller, text, old):
     wanted = PoseStamped(pose=TURNED)
     wanted.header.stamp.sec = -7  # the standard has it ignored

@@ -53,6 +53,7 @@ vary:
 """
 
 
+@pytest.mark.long
 def test_worlds_of_a_simulation_get_what_is_drawn(device):
     colliders = {"ball": Sphere(radius=0.2), "floor": Plane(position=(0, 0, -9))}
     scene = Scene({"sheet": Cloth(resolution=(6, 6), pins="top")}, colliders, Wind())

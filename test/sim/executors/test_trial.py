@@ -50,6 +50,7 @@ def test_a_fast_ball_puts_in_no_more_than_a_ball_can(device):
     assert energies.sum(axis=1).max() < most_of_a_ball(sim)
 
 
+@pytest.mark.long
 def test_after_the_ball_is_through_no_energy_comes_from_nowhere(device):
     sim, energies = shoot(device, {"sheet": SHEET}, frames=120)
     gone = energies[60:].sum(axis=1)

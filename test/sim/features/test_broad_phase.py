@@ -88,6 +88,7 @@ def test_what_touched_is_forgotten_when_it_is_out_of_reach(device, always):
     assert not sim.wrench("ball")[0].any() and not sim.wrench("ball")[1].any()
 
 
+@pytest.mark.long
 def test_a_collider_that_is_added_is_met(device):
     sheet = Cloth(resolution=(8, 8), pins="none", position=(0, 0, 0.3))
     sim = Simulation(Scene({"sheet": sheet}, near_ones(), spare_colliders=70), fixed(), device)

@@ -198,6 +198,7 @@ def test_one_hand_ties_a_rope_to_a_cloth_and_another_takes_only_its_own(device):
     np.testing.assert_allclose(sim.positions("rope")[0], (-0.5, -0.5, 0), atol=1e-4)
 
 
+@pytest.mark.long
 def test_what_is_held_goes_with_the_hand_through_a_collider(device):
     cloth = Cloth(resolution=(12, 12), pins="none", damping=0.002, bending="dihedral", bend_compliance=1e3)
     ball = Sphere(radius=0.1, position=(-0.5, -0.5, 0.3))

@@ -141,6 +141,7 @@ def test_seams_keep_momentum(device, settings):
     assert np.linalg.norm(sim.stitches("hem")[0], axis=1).max() < 1e-4
 
 
+@pytest.mark.long
 def test_panels_close_at_their_speed_and_stay_closed_where_they_keep_apart(device):
     sheet = {"resolution": (8, 8), "size": (0.2, 0.2), "pins": None, "thickness": 0.002, "self_contact": True}
     objects = {"front": Cloth(**sheet), "back": Cloth(**sheet, position=(0.0, 0.0, 0.05))}

@@ -218,6 +218,7 @@ def test_a_knot_is_tight_where_an_ideal_one_is(device):
     assert tension[5:].max() < 0.1 and more[-1] < 8.5, "without contact there is no knot"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("segments", [60, 120])
 def test_a_rope_bends_to_a_radius_little_above_its_own(device, segments):
     """A limp rope hangs in a narrow loop. Parts that were s apart at rest stay 0.8 s apart, up to its diameter D = 2 r.

@@ -170,6 +170,7 @@ def test_parts_that_are_cut_have_nothing_to_do_with_one_another(device, cloth, w
     assert np.array_equal(triangles, kept)
 
 
+@pytest.mark.long
 def test_the_mesh_holds_the_triangles_that_are_left_and_the_air_pushes_no_others(device):
     sim = simulated(sheet(), device, **{**AMONG, "wind": Wind((0.0, 0.0, 0.02))})
     readback = Readback(sim, "sheet", normals=True, mesh=True)

@@ -48,6 +48,7 @@ def test_contact_takes_its_share_of_the_budget():
     assert choice.error > 1e-5 and "the budget allows no more substeps" in choice.reason
 
 
+@pytest.mark.long
 def test_contact_with_a_mesh_takes_a_larger_share():
     """Each distance of a box that is a mesh takes a search in a list of triangles."""
     box = trimesh.creation.box(extents=(0.1, 0.1, 0.1)).subdivide().subdivide()
