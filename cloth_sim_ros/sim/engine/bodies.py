@@ -208,9 +208,9 @@ class Bodies:
 
     def change_setting(self, name: str, value: Any) -> None:
         """Change a live setting of the solver."""
-        self.settings = replace(self.settings, **{name: value})
         if name == "speed":
             self.speed = value or speed_of(self.warp_device)
+        self.settings = replace(self.settings, **{name: value})
 
     def start_elsewhere(self, name: str, motion: Motion) -> None:
         """Let an object start displaced by this motion from its place in the scene."""

@@ -19,6 +19,7 @@ from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.kernels.compiled import compiled
 
 VARIABLE = "CLOTH_SIM_SPEED"  # environment variable whose value is taken instead
+_ROW = table.row(table.SOLVER, "speed")
 _FILE = "cloth_sim_ros_speeds.json"  # device name -> speed
 _PARTICLES, _RUNS = 1024, 400
 # Sweeps of a run, so short that other processes seldom interrupt it, and its time where the speed is 1 [s].
@@ -41,28 +42,34 @@ def speed_of(device: wp.Device) -> float:
     if given is None:
         return _kept(device.alias)
     try:
-        speed = table.check(table.row(table.SOLVER, "speed"), float(given), VARIABLE)
+        speed = float(given)
     except ValueError:
         speed = 0.0
-    if speed <= 0.0:
-        raise ValueError(f"{VARIABLE} is {given!r}; allowed is a number above 0")
+    if not _is_allowed(speed):
+        raise ValueError(f"{VARIABLE} is {given!r}; allowed is a number above 0, at most {_ROW.high:g}")
     return speed
+
+
+def _is_allowed(speed: object) -> bool:
+    return isinstance(speed, float) and 0.0 < speed <= _ROW.high
 
 
 @functools.cache
 def _kept(alias: str) -> float:
     """Speed of the device of this alias as the file keeps it; measured if it does not."""
     device, path, known = wp.get_device(alias), Path(wp.config.kernel_cache_dir) / _FILE, {}
-    with suppress(OSError, TypeError, ValueError):
+    with suppress(OSError, RecursionError, TypeError, ValueError):
         known = dict(json.loads(path.read_text()))
     speed = known.get(device.name)
-    if isinstance(speed, float) and math.isfinite(speed) and speed > 0.0:
+    if _is_allowed(speed):
         return speed
     known[device.name] = _measured(device)
+    part = path.with_suffix(f".{os.getpid()}")
     with suppress(OSError):  # else it is measured anew at the next start
-        part = path.with_suffix(f".{os.getpid()}")
         part.write_text(json.dumps(known))
         part.replace(path)
+    with suppress(OSError):
+        part.unlink(missing_ok=True)
     return known[device.name]
 
 

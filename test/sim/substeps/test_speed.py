@@ -37,7 +37,9 @@ def test_the_speed_is_measured_once_and_kept(cache):
     assert second.choices["it"].most == pytest.approx(4.0 * first.choices["it"].most, rel=0.1)
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{", '{"CPU": "fast"}', '{"CPU": -1.0}', '{"CPU": NaN}'])
+@pytest.mark.parametrize(
+    "text", ["", "[1]", "{", '{"CPU": "fast"}', '{"CPU": -1.0}', '{"CPU": 5000.0}', "[" * 200000, '{"CPU": NaN}']
+)
 def test_a_file_that_holds_no_speed_is_replaced(cache, text):
     cache.write_text(text)
     measured = towel()._bodies.speed
@@ -47,6 +49,7 @@ def test_a_file_that_holds_no_speed_is_replaced(cache, text):
 def test_a_cache_that_cannot_be_written_costs_a_measurement_at_each_start(cache):
     cache.mkdir()
     assert towel()._bodies.speed > 0.0
+    assert [*cache.parent.glob(f"{cache.stem}*")] == [cache], "nothing is left beside it"
 
 
 def test_the_speed_that_is_set_counts_before_any_other(cache, monkeypatch):
@@ -74,8 +77,16 @@ def test_a_saved_state_keeps_the_speed(monkeypatch, tmp_path):
     assert sims[0].choices["it"].most == sims[1].choices["it"].most
 
 
-@pytest.mark.parametrize("text", ["fast", "0", "-1", "nan", "inf"])
+def test_a_speed_that_cannot_be_had_changes_nothing(monkeypatch):
+    sim = towel(speed=2.0)
+    monkeypatch.setenv(speed.VARIABLE, "fast")
+    with pytest.raises(ValueError, match="allowed is a number"):
+        sim.set("solver.speed", 0.0)
+    assert sim.get("solver.speed") == sim._bodies.speed == 2.0
+
+
+@pytest.mark.parametrize("text", ["fast", "0", "-1", "nan", "inf", "1001"])
 def test_a_wrong_variable_is_named(monkeypatch, text):
     monkeypatch.setenv(speed.VARIABLE, text)
-    with pytest.raises(ValueError, match=f"{speed.VARIABLE} is '{text}'; allowed is a number above 0"):
+    with pytest.raises(ValueError, match=f"{speed.VARIABLE} is '{text}'; allowed is a number above 0, at most 1000"):
         towel()
