@@ -78,12 +78,14 @@ class Live(Ropes, Hands):
     def is_squeezing(self, name: str, world: int = 0) -> bool:
         """True if a collider and its opposite one squeezed anything in the last frame, see `squeeze`."""
         row, colliders = named(self._bodies.collider_row, name, "collider"), self._bodies.colliders.array.shape[1]
+        world = self._bodies.one(world)
         rows = [batch.states["squeezed_in"].numpy()[world, row::colliders] for batch in self._bodies.batches]
         return any(found.any() for found in rows)
 
     def thinnest(self, world: int = 0) -> float:
         """Least thickness, or radius, of the objects [m]."""
-        return min(float(batch.materials.mirrors()["rows"]["thickness"][world].min()) for batch in self._bodies.batches)
+        world, batches = self._bodies.one(world), self._bodies.batches
+        return min(float(batch.materials.mirrors()["rows"]["thickness"][world].min()) for batch in batches)
 
     def add_collider(self, name: str, collider: Collider) -> None:
         """Add a collider of one of SPARE_SHAPES in all worlds, from the next frame on.

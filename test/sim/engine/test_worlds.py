@@ -175,6 +175,8 @@ def test_readback_and_springs_are_of_the_world_they_are_asked_for(device):
         (lambda sim: sim.set_collider_pose("ball", (0, 0, 0), world="1"), "world is '1'; allowed"),
         (lambda sim: sim.reset(True), "world is True; allowed"),
         (lambda sim: sim.report(2), "world is 2; allowed"),
+        (lambda sim: sim.thinnest(2), "world is 2; allowed"),
+        (lambda sim: sim.is_squeezing("ball", "x"), "world is 'x'; allowed"),
     ],
 )
 def test_worlds_that_do_not_exist_are_refused(action, words):
