@@ -26,6 +26,7 @@ from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import check_worlds
 from cloth_sim_ros.sim.scene.scene import kind_of
 from cloth_sim_ros.sim.substeps.choose import Choice
+from cloth_sim_ros.sim.substeps.speed import is_allowed
 
 _LIVE_OF_OBJECTS = {row.name for row in (*table.CLOTH, *table.ROPE, *table.TWIST, *table.WINCH) if row.live}
 _LIVE_OF_COLLIDERS = {"position", "orientation", "file", *(row.name for row in table.COLLIDER if row.live)}
@@ -182,7 +183,7 @@ def _whole(number: Any) -> int:
 
 def _speed(number: Any) -> float:
     """The speed of a device from a header. Raises ValueError."""
-    if type(number) is not float or not 0.0 < number <= table.row(table.SOLVER, "speed").high:
+    if not is_allowed(number):
         raise ValueError(f"its speed is {table.shown(number)}")
     return number
 

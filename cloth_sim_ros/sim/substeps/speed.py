@@ -45,12 +45,13 @@ def speed_of(device: wp.Device) -> float:
         speed = float(given)
     except ValueError:
         speed = 0.0
-    if not _is_allowed(speed):
+    if not is_allowed(speed):
         raise ValueError(f"{VARIABLE} is {given!r}; allowed is a number above 0, at most {_ROW.high:g}")
     return speed
 
 
-def _is_allowed(speed: object) -> bool:
+def is_allowed(speed: object) -> bool:
+    """True for a number that the speed of a device may be."""
     return isinstance(speed, float) and 0.0 < speed <= _ROW.high
 
 
@@ -61,7 +62,7 @@ def _kept(alias: str) -> float:
     with suppress(OSError, RecursionError, TypeError, ValueError):
         known = dict(json.loads(path.read_text()))
     speed = known.get(device.name)
-    if _is_allowed(speed):
+    if is_allowed(speed):
         return speed
     known[device.name] = _measured(device)
     part = path.with_suffix(f".{os.getpid()}")

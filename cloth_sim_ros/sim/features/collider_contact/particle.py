@@ -254,11 +254,9 @@ def make_touch(features: Features):
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             return CLOSE
-        close = bool(False)
         position = xyz(row)
         displacement = xyz(packed)
-        touched = bool(False)
-        push = Push()
+        close, touched, push = bool(False), bool(False), Push()
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < ctx.colliders.shape[0]:
