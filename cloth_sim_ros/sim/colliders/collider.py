@@ -62,7 +62,7 @@ class Collider:
     shape that may not be convex, a Warp function (data) -> twice its volume over its surface [m], or 0 where the
     distance is convex along every line. deepest: where a formula is faster than a search, a Warp function (a, b, c) ->
     weights of the corners in the deepest point of a triangle; b and c are equal for a segment. edged: True if its
-    surface may have sharp edges. cost: that of a search for the deepest point on a CPU, over that of a box. wholes:
+    surface may have sharp edges. cost: that of a distance on a CPU, over that from a box. wholes:
     halves among `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these
     come first.
     """

@@ -58,7 +58,7 @@ class Ellipsoid(Collider):
     dimensions = (lengths("radii"),)
     wholes = {"radii": "diameters x y z"}
     distance = signed_distance
-    cost = 4
+    cost = 5
 
     def reach(self) -> float:
         """The largest radius [m]."""

@@ -48,6 +48,7 @@ class Mesh(Collider):
     file: str = ""
     content: str = field(init=False, default="", repr=False)
     distance = mesh_distance.signed_distance
+    cost = 15
     edged = True
     at_least = mesh_distance.at_least
     width = mesh_distance.width
@@ -98,11 +99,6 @@ class Mesh(Collider):
     def enters(self, needed: float, thickness: float) -> bool:
         """As for a sphere, if balls of its radius fill the mesh up to a quarter of the thickness."""
         return _enters(self, needed, thickness)
-
-    @property
-    def cost(self) -> int:
-        """Convex meshes are searched until no point can be deeper, others between a few samples."""
-        return 2 if self.data(wp.get_device("cpu")).width else 10
 
     def data(self, device: wp.Device) -> _OnDevice:
         """The triangles in a tree, their normals, and the grid around them, which the CPU makes for all devices."""

@@ -41,6 +41,7 @@ class Measurement:
         self._saved = saved
         remembered = [wp.zeros((shape[0], particles), dtype=wp.vec3, device=device) for _ in range(2)]
         differences = wp.zeros(bodies, dtype=float, device=device)
+        tests = wp.zeros((2, bodies), dtype=int, device=device)  # before a trial, and in it
         self._wanted = wp.zeros(bodies, dtype=int, device=device)
         self._far = wp.zeros(1, dtype=int, device=device)
         self.most = wp.zeros(shape, dtype=int, device=device)
@@ -49,11 +50,11 @@ class Measurement:
             inputs = [given, *inputs, block]
             return wp.launch(kernel, bodies * block, inputs, device=device, block_dim=block, record_cmd=True)
 
-        self._begin = {divisor: launch(begin_trial, int(second), divisor) for divisor in TRIALS}
-        self._end = launch(end_trial, *remembered, differences)
+        self._begin = {divisor: launch(begin_trial, tests, int(second), divisor) for divisor in TRIALS}
+        self._end = launch(end_trial, *remembered, differences, tests)
         watched = second and alone
         chosen = (self._wanted, self.most.flatten(), int(second), int(alone), int(watched), growth, self._far)
-        self._control = launch(control, *remembered, differences, *chosen)
+        self._control = launch(control, *remembered, differences, tests, *chosen)
         self._watch = launch(watch, growth) if watched else None
         self._begin_better = launch(begin_better, self._wanted, self._far, int(second))
         self._alone = alone

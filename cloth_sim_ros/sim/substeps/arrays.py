@@ -37,8 +37,8 @@ class ControlState:
     """Measured errors and the controller's memory; see State for the letters.
 
     A trial takes 1 / divisor of the substeps. Errors of windows of time are in the units of solver.error. `motions` has
-    the largest RMS displacement from the anchors in this window and in the one before [m], and the time since this
-    window began [s].
+    the largest RMS displacement from the anchors in this window and in the one before [m], the time since this
+    window began [s], and the share of its tests for contact that does not fall with the substeps.
     """
 
     substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start
@@ -53,7 +53,7 @@ class ControlState:
     since: wp.array(dtype=wp.vec4i)
     # (B,) RMS error of the last measured frame [m] and its order, error in this window and in the one before
     errors: wp.array(dtype=wp.vec4)
-    motions: wp.array(dtype=wp.vec3)  # (B,)
+    motions: wp.array(dtype=wp.vec4)  # (B,)
     anchors: wp.array(dtype=wp.vec3)  # (N,) positions when the window began [m]
 
 

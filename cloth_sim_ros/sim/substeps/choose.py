@@ -27,6 +27,7 @@ _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # minimum substeps with self or object c
 # Largest number of particles along a sheet's side per substep of xpbd: without and with self or object contact. With
 # fewer substeps, shape does not spread across the sheet, or contact fails.
 _SIDE, _SIDE_LAYERS = 10.0, 5.0
+_LOOSE = 1e-2  # error for which the static strain stays right, however much contact costs
 # See _static: largest excess of a static strain over solver.error, loss in meshes, strain that is seen.
 _EXCESS, _LOST, _SEEN = 25.0, 0.1, 1e-4
 # Factor of these substeps for a membrane, as its soft strains lose most: at an error of 1e-2 irregular meshes of cotton
@@ -147,7 +148,9 @@ def _xpbd(
         reason += f"; {share:.2g} of its bending rigidity acts"
     test = prices.test(around) / around.speed / price
     if test > 0.0:
-        fewest = min(least, math.ceil(max(fewest, smooth, bending, steady)))
+        loose = replace(settings, error=max(settings.error, _LOOSE))
+        loose = _static(loose, topology, materials, stiff, around) / iterations
+        fewest = min(least, math.ceil(max(fewest, smooth, bending, loose if topology.coupling is None else steady)))
     else:
         fewest = least
     bounds = (substeps, iterations, settings.error, reason, least, most)

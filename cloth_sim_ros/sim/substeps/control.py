@@ -12,6 +12,9 @@ that the errors of the frames in half a second add up to the wanted one.
 At the start nothing is known. So the first frame that is measured is computed again with more substeps while its error
 is far beyond the wanted one, as where a bent rope springs open. So is the first after a body was placed elsewhere.
 
+The trials also tell how the work of contact falls with the substeps. Searches in a curved mesh go with the way of its
+facets, not with the substeps. Then fewer of them save little time, and the body does not take fewer.
+
 Between these frames the last substep of each tells how a sudden event changes its error, as a load that jerks its rope.
 Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it.
 """
@@ -47,6 +50,7 @@ MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the bu
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: less than one shrink undoes
 FAR = wp.constant(3.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
+OVER = wp.constant(1.25)  # largest time beyond the budget, as a multiple of that in the fewest substeps
 
 
 def is_measured(frame: int, frame_dt: float, in_step: bool = False) -> bool:
@@ -123,7 +127,7 @@ def size_of(squares: float, count: int, limits: StepLimits) -> float:
 
 
 @compiled
-def begin_trial(given: wp.array(dtype=Arrays), second: int, divisor: int, block: int):
+def begin_trial(given: wp.array(dtype=Arrays), tests: wp.array2d(dtype=int), second: int, divisor: int, block: int):
     bodies = given[0].limits.shape[0]
     k, t = wp.tid() / block, wp.tid() % block
     w, b = k / bodies, k % bodies
@@ -131,6 +135,7 @@ def begin_trial(given: wp.array(dtype=Arrays), second: int, divisor: int, block:
     sync()  # all threads have read what one will write
     if t == 0:
         s.control.divisors[b] = divisor
+        tests[0, k] = s.control.since[b][2]
     if second > 0:
         resample_all(t, block, given[w], b, n, wp.max(1, n / divisor))
 
@@ -155,6 +160,7 @@ def end_trial(
     high: wp.array2d(dtype=wp.vec3),
     lo: wp.array2d(dtype=wp.vec3),
     differences: wp.array(dtype=float),
+    tests: wp.array2d(dtype=int),
     block: int,
 ):
     bodies = given[0].limits.shape[0]
@@ -167,6 +173,7 @@ def end_trial(
     squares = total(part)
     if t == 0:
         differences[k] = size_of(squares, m.count, given[w].limits[b])
+        tests[1, k] = s.control.since[b][2] - tests[0, k]
 
 
 @wp.func
@@ -176,18 +183,28 @@ def is_all_redone(since: wp.vec4i, limits: StepLimits) -> bool:
 
 
 @wp.func
-def afforded(n: int, since: wp.vec4i, limits: StepLimits) -> int:
-    """Substeps that the budget pays if each has as many tests for contact as those `since` the last measurement.
+def fixed_share(n: int, whole: int, half: int) -> float:
+    """Share of the tests in a frame of n substeps that there are in fewer, too, if half of these have `half` tests."""
+    if whole <= 0 or n < 2:
+        return 0.0
+    return wp.clamp((float(half) / float(whole) * float(n) - float(n / 2)) / float(n - n / 2), 0.0, 1.0)
 
-    Twice n cost less than frames that are all computed again. Otherwise they fall slowly, and stay at n while some are.
-    What slept has not met anything.
+
+@wp.func
+def afforded(n: int, since: wp.vec4i, fixed: float, limits: StepLimits) -> int:
+    """Substeps that the budget pays with as many tests for contact in a frame as `since` the last measurement.
+
+    fixed: share of them that does not fall with the substeps. Twice n cost less than frames that are all computed
+    again. Otherwise they fall slowly, and stay at n while some are. What slept has not met anything.
     """
     if since[1] == 0:
         return n
     if is_all_redone(since, limits):
         return wp.max(n, wp.min(2 * n, MOST_GROWN * limits.most))
-    tests = float(since[2]) / float(since[1])
-    pays = wp.max(limits.fewest, int(float(limits.most) / (1.0 + limits.test * tests)))
+    tests = limits.test * float(since[2])
+    each, rest = 1.0 + (1.0 - fixed) * tests / float(since[1]), fixed * tests / float(since[0])
+    over = OVER * (rest + each * float(limits.fewest)) - rest
+    pays = wp.min(int(wp.max(float(limits.most) - rest, over) / each), limits.most)
     return wp.max(pays, wp.where(since[3] > 0, n, int(LEAST_GROWTH * float(n))))
 
 
@@ -249,7 +266,8 @@ def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
             part += wp.length_sq(s.last_displacements[g] - h * mean)
     error = float(n) * size_of(total(part), m.count, limits)
     share = share_of(error, 2.0, n, 1, motion, length, growth, limits)
-    better = wp.max(n, chosen(n, share, 2.0, growth, n, afforded(n, s.control.since[b], limits), limits.error))
+    pays = afforded(n, s.control.since[b], s.control.motions[b][3], limits)
+    better = wp.max(n, chosen(n, share, 2.0, growth, n, pays, limits.error))
     take_substeps(t, block, given[w], b, n, better, 1)
     if t == 0:
         share = wp.max(share, share_of(known[0], known[1], n, 1, motion, length, growth, limits))
@@ -262,6 +280,7 @@ def control(
     high: wp.array2d(dtype=wp.vec3),
     lo: wp.array2d(dtype=wp.vec3),
     differences: wp.array(dtype=float),
+    tests: wp.array2d(dtype=int),
     wanted: wp.array(dtype=int),
     most: wp.array(dtype=int),
     second: int,
@@ -276,7 +295,8 @@ def control(
     w, b = k / bodies, k % bodies
     m, s, limits, length = given[w].model.bodies[b], given[w].state, given[w].limits[b], given[w].frames[0].length
     n, past, known = substeps_of(s.control, limits, b), s.control.motions[b], s.control.errors[b]
-    elapsed = length * float(s.control.since[b][0])
+    since = s.control.since[b] + wp.vec4i(0)  # a copy, as one thread clears it
+    elapsed = length * float(since[0])
     is_first = past[2] == 0.0
     begins = is_first or past[2] + elapsed > WINDOW
     part, moved = float(0.0), float(0.0)
@@ -295,20 +315,21 @@ def control(
     way = wp.max(past[0], way)
     motion = wp.max(way, past[1])
     share = share_of(error, order, n, second, motion, length, growth, limits)
-    pays = afforded(n, s.control.since[b], limits)
+    fixed = wp.where(since[3] == 0, fixed_share(n, since[2] - tests[0, k], tests[1, k]), past[3])
+    pays = afforded(n, since, fixed, limits)
     # Substeps do not fall while frames are computed again, and rise if all of them were.
-    least = wp.min(wp.where(s.control.since[b][3] > 0, n, limits.least), pays)
-    if is_all_redone(s.control.since[b], limits):
+    least = wp.min(wp.where(since[3] > 0, n, limits.least), pays)
+    if is_all_redone(since, limits):
         least = pays
     better = chosen(n, share, order, growth, least, pays, limits.error)
     if t == 0:
         # Watched frames since the last measurement were added before.
         grown = known[2] + share * wp.where(watched > 0, length, elapsed) / WINDOW
         if begins:
-            s.control.motions[b] = wp.vec3(0.0, way, elapsed)
+            s.control.motions[b] = wp.vec4(0.0, way, elapsed, fixed)
             s.control.errors[b] = wp.vec4(error, order, 0.0, grown)
         else:
-            s.control.motions[b] = wp.vec3(way, past[1], past[2] + elapsed)
+            s.control.motions[b] = wp.vec4(way, past[1], past[2] + elapsed, fixed)
             s.control.errors[b] = wp.vec4(error, order, grown, known[3])
         s.control.since[b] = wp.vec4i(0)
         if begins and not is_first and limits.sleeps > 0 and way < STILL * limits.size:

@@ -13,9 +13,10 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
 from cloth_sim_ros.sim.topology import Topology
 
 _NS = 1e-6  # a nanosecond [ms]
-# Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider, facets.
-# Then the cost of a spring of a line, and the extra costs of its dashpot and of its coupling in a membrane.
-_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.0, 1.2, 54.0, 20.0, 40.0))
+# Cost on a CPU per particle [ms]: motion, air, a neighbour in the plate operator, rest curvature, a collider and as
+# much for each unit of its cost, facets. Then the cost of a spring of a line, and the extra costs of its dashpot and of
+# its coupling in a membrane.
+_MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.0, 1.2, 54.0, 10.0, 40.0))
 _SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 15.0 * _NS
 # Cost of a particle of a rope, more if it resists bending, and more where there are colliders, once for particles and
 # once for segments [ms].
@@ -49,11 +50,6 @@ class Surroundings:
     speed: float = 1.0
     share: float = 1.0
 
-    @property
-    def near(self) -> int:
-        """Cost of the colliders that cost time; of many, those out of reach cost nothing."""
-        return sum(sorted(self.colliders)[-FEW:])
-
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
     """Cost of a substep of XPBD with one iteration [ms]."""
@@ -79,7 +75,7 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
     count, plate, coupled = len(topology.masses), topology.plate is not None, topology.coupling is not None
     bends = topology.bends is not None
     if not len(topology.triangles):
-        each = _SEGMENT + _BEND * bends + _LEAN * (around.near > 0) * (1 + around.surface) + _touching(around)
+        each = _SEGMENT + _BEND * bends + _LEAN * (len(around.colliders) > 0) * (1 + around.surface) + _touching(around)
         return _ROPE + _ROPES * around.worlds if around.device == "cuda" else around.worlds * count * each
     if around.device == "cuda":
         stages = 2 + len(topology.families) + coupled + around.wind + plate + 2 * around.surface
@@ -94,8 +90,9 @@ def _alone(topology: Topology, materials: Collection[tuple[Sequence[float], floa
 
 
 def _touching(around: Surroundings) -> float:
-    """Cost of colliders on a CPU per particle, with the facets around it [ms]."""
-    return around.near * (_COLLIDER + _FACETS * around.surface)
+    """Cost of colliders on a CPU per particle, with the facets around it [ms]; of many, those out of reach are free."""
+    costs = sorted(around.colliders)[-FEW:]
+    return _COLLIDER * sum(costs) + (_COLLIDER + _FACETS * around.surface) * len(costs)
 
 
 def _in_blocks(topology: Topology, stages: int, around: Surroundings) -> float:

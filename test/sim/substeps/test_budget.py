@@ -4,8 +4,11 @@
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 
 from cloth_sim_ros.sim import Box, Cloth, Mesh, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.substeps.arrays import StepLimits
+from cloth_sim_ros.sim.substeps.control import afforded, fixed_share
 
 SIDE = 16
 FRAMES = 30
@@ -174,3 +177,28 @@ def test_substeps_fall_back_when_frames_are_no_longer_computed_again():
     taken = substeps_taken(sim)
     sim.set("solver.global_damping", 5.0)
     assert substeps_taken(sim, 90)[-1] < max(taken)
+
+
+@wp.kernel
+def afford_each(tests: wp.array(dtype=wp.vec2i), n: int, limits: StepLimits, found: wp.array(dtype=int)):
+    whole, half = tests[wp.tid()][0], tests[wp.tid()][1]
+    fixed = fixed_share(n, whole, half)
+    found[wp.tid()] = afforded(n, wp.vec4i(6, 6 * n, 6 * whole, 0), fixed, limits)
+
+
+def test_substeps_fall_only_where_that_saves_time(device):
+    """A frame of n substeps takes n + 0.01 (fixed + each n), of the 60 that the budget has; see the cases."""
+    limits, n = StepLimits(), 40
+    limits.least, limits.most, limits.fewest, limits.test = 6, 60, 20, 0.01
+    cases = {
+        (0, 0): 60,  # no contact
+        (0, 100): 30,  # each substep takes twice as long: n + n = 60
+        (2000, 0): 40,  # 20 + n = 60
+        (3000, 100): 26,  # 30 + 2 n = 60 would be 15, but LEAST_GROWTH keeps 26
+        (8000, 0): 45,  # no number pays: 1.25 (80 + 20) - 80
+        (8000, 100): 35,  # (1.25 (80 + 2 x 20) - 80) / 2
+    }
+    tests = [(fixed + each * n, fixed + each * n // 2) for fixed, each in cases]
+    given, found = wp.array(tests, dtype=wp.vec2i, device=device), wp.zeros(len(cases), dtype=int, device=device)
+    wp.launch(afford_each, len(cases), inputs=[given, n, limits, found], device=device)
+    assert found.numpy() == pytest.approx(list(cases.values()), abs=1)
