@@ -194,7 +194,8 @@ def test_substeps_fall_only_where_that_saves_time(device):
         (0, 0): 60,  # no contact
         (0, 100): 30,  # each substep takes twice as long: n + n = 60
         (2000, 0): 40,  # 20 + n = 60
-        (3000, 100): 26,  # 30 + 2 n = 60 would be 15, but LEAST_GROWTH keeps 26
+        (3000, 100): 28,  # 30 + 2 n = 60 would be 15, but 28 take a quarter more than 20: (1.25 (30 + 2 x 20) - 30) / 2
+        (0, 1000): 26,  # 1.25 x 20 would do, but they fall by LEAST_GROWTH at once
         (8000, 0): 45,  # no number pays: 1.25 (80 + 20) - 80
         (8000, 100): 35,  # (1.25 (80 + 2 x 20) - 80) / 2
     }
