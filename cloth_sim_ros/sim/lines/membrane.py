@@ -6,6 +6,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Model
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
+from cloth_sim_ros.sim.kernels.native import LANES, ROWS, on_cpu, source
 
 # Least and largest rest length over that of the material.
 SHORTENED, LENGTHENED = wp.constant(0.25), wp.constant(4.0)
@@ -38,10 +39,48 @@ def coupled_length(k: int, x: wp.uint64, lo: wp.uint64, m: Model) -> float:
     return length + wp.dot(m.line_shares[k], lengths)
 
 
+@wp.func_native(on_cpu(ROWS + source(__file__, "lengthen", LANES=LANES), "return false;"))
+def _lengthen_lanes(
+    begin: int,
+    end: int,
+    nodes: wp.array(dtype=int),
+    others: wp.array(dtype=int),
+    across: wp.array(dtype=wp.vec2i),
+    shares: wp.array(dtype=wp.vec4),
+    bases: wp.array(dtype=wp.vec2),
+    rests: wp.array(dtype=float),
+    x: wp.uint64,
+    lo: wp.uint64,
+    part: float,
+    least: float,
+    most: float,
+    lengths: wp.array(dtype=float),
+) -> bool:
+    """Store the rest lengths of the springs in these slots on a CPU; on a GPU do nothing and return False."""
+    ...
+
+
 @wp.func
 def lengthen(t: int, width: int, ctx: Context):
     """Stage that finds the rest lengths of springs where the substep starts; thread t of `width` does its share."""
-    share = coupled_share(ctx)
+    share, m, lengths = coupled_share(ctx), ctx.model, ctx.state.lines.line_lengths
+    if _lengthen_lanes(
+        ctx.body.lines,
+        ctx.body.lines_end,
+        m.line_nodes,
+        m.line_others,
+        m.line_across,
+        m.line_shares,
+        m.line_bases,
+        m.line_rests,
+        ctx.x,
+        ctx.position_lo,
+        share,
+        SHORTENED,
+        LENGTHENED,
+        lengths,
+    ):
+        return
     for k in range(ctx.body.lines + t, ctx.body.lines_end, width):
         rest = ctx.model.line_rests[k]
         if rest >= 0.0:
