@@ -25,7 +25,7 @@ FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards
 FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
 # Largest gain in a frame over the scale: the largest kinetic and elastic energy of the last frames, or this share of
 # the work of its weight over its size, or the kinetic energy at this speed [m/s].
-MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(1.0e-2)
+MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(2.0e-2)
 MORE = wp.constant(2)  # factor of the substeps from one repetition to the next
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
 
@@ -162,11 +162,21 @@ def is_elastic(a: Arrays, b: int, families: wp.array(dtype=wp.vec4i)) -> bool:
 
 
 @wp.func
+def mass_of(a: Arrays, b: int) -> float:
+    """Mass of the particles of body b that can move [kg]."""
+    return 1.0 / wp.max(a.materials[b].largest_inverse_mass * a.model.bodies[b].yielding, 1.0e-30)
+
+
+@wp.func
+def slow_energy(a: Arrays, b: int) -> wp.float64:
+    """Kinetic energy [J] below which body b gains none, but settles: in other substeps it rests a little elsewhere."""
+    return wp.float64(0.5 * SLOW * SLOW * mass_of(a, b))
+
+
+@wp.func
 def least_scale(a: Arrays, b: int) -> wp.float64:
     """Least energy [J] by which gains are judged."""
-    fall = OF_FALL * wp.length(a.frames[0].gravity) * a.limits[b].size + 0.5 * SLOW * SLOW
-    share = a.materials[b].largest_inverse_mass * a.model.bodies[b].yielding
-    return wp.float64(fall / wp.max(share, 1.0e-30))
+    return wp.float64(OF_FALL * wp.length(a.frames[0].gravity) * a.limits[b].size * mass_of(a, b)) + slow_energy(a, b)
 
 
 @wp.func
@@ -240,7 +250,7 @@ def judge_frames(
     e, ledger = summed(k, parts), a.state.control.ledgers[b]
     scale = wp.max(ledger[1], wp.abs(e.weight - ledger[3]))
     now, ceiling = e.kinetic + e.elastic + e.weight, ledger[0] + e.work
-    gains = is_elastic(a, b, families) and not (now <= ceiling + MOST_GAIN * scale)
+    gains = is_elastic(a, b, families) and not (now <= ceiling + MOST_GAIN * scale or e.kinetic <= slow_energy(a, b))
     if (gains or a.state.recoveries[b] != recoveries[k / bodies, b]) and factors[k] < MOST_REPEATED:
         factors[k] = MORE * wp.max(1, factors[k])
         rejects[0] = 1
