@@ -448,7 +448,7 @@ class Bodies:
                 error = batch.error(b)[1] or choice.error
                 substeps, reason = batch.substeps(b), choice.reason
                 if substeps < choice.least:
-                    reason += f"; contact leaves it {substeps} of the {choice.least} substeps that its stiffness takes"
+                    reason += f"; contact leaves it {substeps} of at least {choice.least} substeps, so it is softer"
                 if batch.falls_short(b, self.settings.error) and not self.settings.substeps:
                     missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
                     reason += "; the budget allows no more substeps, so " + missed

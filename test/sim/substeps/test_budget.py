@@ -46,7 +46,7 @@ def test_contact_takes_its_share_of_the_budget():
     assert taken[0] == choice.most
     assert taken[-1] < 0.75 * choice.most
     assert min(taken) >= choice.fewest
-    left = f"contact leaves it {choice.substeps} of the {choice.least} substeps that its stiffness takes"
+    left = f"contact leaves it {choice.substeps} of at least {choice.least} substeps, so it is softer"
     assert choice.substeps < choice.least and left in choice.reason
     assert choice.error > 1e-5 and "the budget allows no more substeps" in choice.reason
 
