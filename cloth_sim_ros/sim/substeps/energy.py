@@ -163,7 +163,7 @@ def is_elastic(a: Arrays, b: int, families: wp.array(dtype=wp.vec4i)) -> bool:
 
 @wp.func
 def mass_of(a: Arrays, b: int) -> float:
-    """Mass of the particles of body b that can move [kg]."""
+    """Mass of body b [kg]."""
     return 1.0 / wp.max(a.materials[b].largest_inverse_mass * a.model.bodies[b].yielding, 1.0e-30)
 
 
