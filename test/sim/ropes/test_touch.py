@@ -156,6 +156,7 @@ def hung_over(radius, length, segments, thickness):
         (Cylinder, 0.05, 13, 0.03, 0.3, 0),
         (Cylinder, 0.05, 13, 0.03, 0.3, 1000),
         (Cylinder, 0.05, 25, 0.03, 0.5, 0),
+        (Cylinder, 0.05, 34, 0.03, 0.3, 20),
     ],
 )
 def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
@@ -163,7 +164,8 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
 ):
     """T2 / T1 = exp(mu pi) (Euler and Eytelwein). A cylinder touches the segments, of which 4 are on the half turn.
 
-    One segment was strained by half of its length, and on a cylinder the ratio was 0.2 to 0.6 of that.
+    One segment was strained by half of its length, and on a cylinder the ratio was 0.2 to 0.6 of that. While the hand
+    is still the rope does not creep.
     """
     length = 0.5
     rubs = {"static_friction": mu, "kinetic_friction": mu}
@@ -174,12 +176,14 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
     sim = Simulation(Scene({"rope": rope}, {"peg": peg}, handles={"hand": hand}), Settings(substeps=substeps), device)
     sim.set_positions("rope", points)
     sim.attach("hand")
-    for frame in range(90):
-        down = stretch * length * min(1.0, (frame + 1) / 60)
+    for frame in range(60):
+        down = stretch * length * (frame + 1) / 60
         sim.set_handle_pose("hand", (points[-1, 0], 0, points[-1, 2] - down), (0, 0, 0, 1))
         sim.step()
-    pull, x = sim.tensions("rope").astype(float), sim.positions("rope").astype(float)
-    assert pull[-2] / pull[0] == pytest.approx(np.exp(mu * np.pi), rel=0.04)
+    for still in (30, 150):
+        sim.step(still)
+        pull, x = sim.tensions("rope").astype(float), sim.positions("rope").astype(float)
+        assert pull[-2] / pull[0] == pytest.approx(np.exp(mu * np.pi), rel=0.04)
     middles = 0.5 * (x[1:] + x[:-1]) if sim.choices["rope"].surface else x
     assert np.hypot(middles[:, 0], middles[:, 2]).min() > radius + 0.99 * rope.radius
     strain = np.linalg.norm(np.diff(x, axis=0), axis=1) / (length / segments) - 1.0

@@ -19,6 +19,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
@@ -41,6 +42,8 @@ FULL = wp.constant(4)  # solves of a rope in a substep after which friction that
 # States of a contact. Friction of a DASHPOT turns no motion round.
 DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
+# Depth, as a fraction of the thickness, by which a segment has to be deeper elsewhere for its contact to move there.
+STAYS = wp.constant(2.0e-5)
 WITHIN = wp.constant(1.5)  # distance at which a segment is watched in the solve, as a multiple of the thickness
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
@@ -358,15 +361,22 @@ def _make_watch(features: Features):
     """Return a Warp function that opens the contact of a segment, and stores the point at which a collider touches it.
 
     It is found anew before each solve. The point of a segment that slides over an edge changes, and beside it the
-    edge would push the rope along.
+    edge would push the rope along. The one that was pressed last stays while none is deeper by STAYS: the deepest
+    point of a segment that turns runs along it, so the push there would turn it back too far, and shake the rope.
     """
-    touched_in = make_touched_in(features)
+    touched_in, signed_distance = make_touched_in(features), make_signed_distance(features.shapes)
 
     @wp.func
     def watch(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context):
         ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
         if is_tested(corners, ctx, collider, sweep):
-            weights = touched_in(facet_of(corners, ctx, sweep), entry, collider, WITHIN * ctx.material.thickness, ctx)
+            facet, press = facet_of(corners, ctx, sweep), ctx.state.contact.presses[entry]
+            weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
+            if wp.max(weights) > 0.0 and press.when >= ctx.substep - 1 and wp.max(press.weights) <= CORNER:
+                now = signed_distance(collider.shape, point_of(facet, weights), collider.size, collider.data)
+                was = signed_distance(collider.shape, point_of(facet, press.weights), collider.size, collider.data)
+                if was[3] - now[3] < STAYS * ctx.material.thickness:
+                    weights = press.weights
             if wp.max(weights) > 0.0:
                 ctx.state.contact.presses[entry].weights = weights
 
