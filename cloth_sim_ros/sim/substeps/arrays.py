@@ -37,8 +37,8 @@ class ControlState:
     """Measured errors and the controller's memory; see State for the letters.
 
     A trial takes 1 / divisor of the substeps. Errors of windows of time are in the units of solver.error. `motions` has
-    the largest RMS displacement from the anchors in this window and in the one before [m], the time since this
-    window began [s], and the share of its tests for contact that does not fall with the substeps.
+    the largest RMS displacement from the anchors in this window and in the one before [m], and the time since this
+    window began [s]. Its last number is the share of the tests for contact that does not fall with the substeps.
     """
 
     substeps: wp.array(dtype=int)  # (B,) of the next frame; 0: as StepLimits.start

@@ -125,7 +125,7 @@ def _xpbd(
     order = settings.order or (1 if paid < smooth else 2)
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
-    static = _static(settings, topology, materials, stiff, around) / iterations
+    static = _static(settings.error, topology, materials, stiff, around) / iterations
     steady = _steady(topology, stiff) / iterations
     most = max(paid, min(math.ceil(steady), _MOST))
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
@@ -148,8 +148,7 @@ def _xpbd(
         reason += f"; {share:.2g} of its bending rigidity acts"
     test = prices.test(around) / around.speed / price
     if test > 0.0:
-        loose = replace(settings, error=max(settings.error, _LOOSE))
-        loose = _static(loose, topology, materials, stiff, around) / iterations
+        loose = _static(max(settings.error, _LOOSE), topology, materials, stiff, around) / iterations
         fewest = min(least, math.ceil(max(fewest, smooth, bending, loose if topology.coupling is None else steady)))
     else:
         fewest = least
@@ -158,22 +157,24 @@ def _xpbd(
 
 
 def _static(
-    settings: Settings,
+    error: float,
     topology: Topology,
     materials: Collection[tuple[Sequence[float], float]],
     limit: float,
     around: Surroundings,
 ) -> float:
-    """Substeps with which the static strain of a sheet is right; limit: those of leapfrog times the effective step.
+    """Substeps with which the static strain of a sheet is right for this wanted error.
+
+    limit: substeps of leapfrog times the effective step.
 
     The lines of a grid meet at angles, and each undoes a little of the others. Those of a mesh have kinks: the solve of
     each straightens them, until others bend them back. The excess of the strain is _LOST (limit / substeps)^2 in a
-    mesh, and about 0.1 (limit / (4 substeps))^1.35 in a grid. At most _EXCESS times solver.error is allowed. Strains
+    mesh, and about 0.1 (limit / (4 substeps))^1.35 in a grid. At most _EXCESS times the error is allowed. Strains
     below _SEEN count less, as nobody sees them.
     """
     if xpbd_is_direct(topology) or not math.isfinite(limit):
         return 0.0
-    excess = min(1.0, _EXCESS * settings.error)
+    excess = min(1.0, _EXCESS * error)
     if topology.coupling is not None:
         return _steady(topology, limit) / math.sqrt(excess)
     strain = 0.5 * around.gravity * topology.masses.sum() * max(compliance[0] for compliance, _ in materials)
