@@ -10,6 +10,10 @@ NUMBERS = 71  # float64 of scratch for each particle, see rows.h
 # Array -> the element of each of its rows. These arrays are cleared if a body is placed elsewhere.
 FORGOTTEN = {"tensions": "segment", "moments": "segment"}
 
+# Point of a segment: weights of both ends, and a vector s [sqrt(kg)] along the normal. The matrix s s^T keeps the ends
+# from moving apart along it, as the point runs to the end that comes nearer to the collider.
+Point = wp.types.vector(length=5, dtype=wp.float32)
+
 
 @wp.struct
 class RopeState:
@@ -28,7 +32,7 @@ class RopeState:
     holds: wp.array(dtype=wp.mat33)  # (N,) how much of a move from there colliders take back
     segment_pushes: wp.array(dtype=wp.vec3)  # (C,) the same of a point of a segment [kg m], if facets are tested
     segment_holds: wp.array(dtype=wp.mat33)  # (C,) [kg]
-    segment_points: wp.array(dtype=wp.vec2)  # (C,) weights of both ends of the segment at that point
+    segment_points: wp.array(dtype=Point)  # (C,) that point
     scratch: wp.array(dtype=wp.float64)  # see rows.h
     overstretched: wp.array(dtype=int)  # (B,) 1 if a rope is overstretched in this substep
 

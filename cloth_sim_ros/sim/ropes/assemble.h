@@ -76,7 +76,7 @@ for (int i = first + t; i < count + 3; i += threads) {
         const auto& point = segment_points.data[segments + k];
         const auto& hold = segment_holds.data[segments + k];
         const double own = point[i - k], beyond = point[1 - (i - k)];
-        if (own == 0.0) continue;
+        if (point[0] + point[1] == 0.0) continue;
         for (int c = 0; c < 3; ++c) {
             right[c] += own * segment_pushes.data[segments + k][c];
             for (int b = 0; b < 3; ++b) {
@@ -89,8 +89,9 @@ for (int i = first + t; i < count + 3; i += threads) {
         }
         for (int c = 0; c < 6; ++c) {
             const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
-            to[c] += own * own * hold.data[a][b];
-            if (k < i && after) one[c] += own * beyond * hold.data[a][b];
+            const double rock = (double)point[2 + a] * point[2 + b];  // the point was found where the segment is now
+            to[c] += own * own * hold.data[a][b] + rock;
+            if (k < i && after) one[c] += own * beyond * hold.data[a][b] - rock;
         }
     }
     for (int place = 0; bends && place < 3; ++place) {

@@ -22,7 +22,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.features.twist.arrays import Twisted
 from cloth_sim_ros.sim.kernels.native import source
-from cloth_sim_ros.sim.ropes.arrays import NUMBERS
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS, Point
 
 # Events that a linear solve cannot see: a segment turns too far, changes its length too much, or needs another step.
 TOO_FAR = wp.constant(1)
@@ -97,7 +97,7 @@ def assemble(
     segments: int,
     segment_pushes: wp.array(dtype=wp.vec3),
     segment_holds: wp.array(dtype=wp.mat33),
-    segment_points: wp.array(dtype=wp.vec2),
+    segment_points: wp.array(dtype=Point),
     scratch: wp.array(dtype=wp.float64),
 ):
     """Fill the rows of the matrix; see RopeState for the arrays."""

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from cloth_sim_ros.sim import Box, Capsule, Cylinder, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cylinder, Handle, Mesh, Plane, Rope, Scene, Settings, Simulation, Sphere
 
 G = 9.81
 ACROSS = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))  # turns local z to y
@@ -146,6 +147,12 @@ def hung_over(radius, length, segments, thickness):
     return np.column_stack([-reach * np.cos(turn), 0 * s, reach * np.sin(turn) + below])
 
 
+def facetted_cylinder(radius, half_length, **others):
+    """A cylinder of 48 flat faces as a mesh."""
+    mesh = trimesh.creation.cylinder(radius=radius, height=2.0 * half_length, sections=48)
+    return Mesh(vertices=mesh.vertices, triangles=mesh.faces, **others)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "radius", "segments", "stretch", "mu", "substeps"),
@@ -157,6 +164,8 @@ def hung_over(radius, length, segments, thickness):
         (Cylinder, 0.05, 13, 0.03, 0.3, 1000),
         (Cylinder, 0.05, 25, 0.03, 0.5, 0),
         (Cylinder, 0.05, 34, 0.03, 0.3, 20),
+        (facetted_cylinder, 0.05, 34, 0.03, 0.3, 0),
+        (facetted_cylinder, 0.05, 33, 0.03, 0.3, 20),
     ],
 )
 def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
@@ -165,7 +174,7 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
     """T2 / T1 = exp(mu pi) (Euler and Eytelwein). A cylinder touches the segments, of which 4 are on the half turn.
 
     One segment was strained by half of its length, and on a cylinder the ratio was 0.2 to 0.6 of that. While the hand
-    is still the rope does not creep.
+    is still the rope does not creep. On a mesh, segments rocked on its flat faces, and slipped until the ratio was 1.
     """
     length = 0.5
     rubs = {"static_friction": mu, "kinetic_friction": mu}
@@ -185,7 +194,7 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
         pull, x = sim.tensions("rope").astype(float), sim.positions("rope").astype(float)
         assert pull[-2] / pull[0] == pytest.approx(np.exp(mu * np.pi), rel=0.04)
     middles = 0.5 * (x[1:] + x[:-1]) if sim.choices["rope"].surface else x
-    assert np.hypot(middles[:, 0], middles[:, 2]).min() > radius + 0.99 * rope.radius
+    assert np.hypot(middles[:, 0], middles[:, 2]).min() > 0.997 * radius + 0.99 * rope.radius
     strain = np.linalg.norm(np.diff(x, axis=0), axis=1) / (length / segments) - 1.0
     assert strain.max() < 1.1 * pull[-2] / 1.5e4
 

@@ -44,11 +44,10 @@ class Press:
     when: the substep; -1 stands for the last substep of the frame before. push: correction [kg m] at the point with
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the
-    last substep. lean, leaned, acted: of a rope normal and state of the contact in its solve, the weights of the
-    point, and the correction [kg m], see lean.py. friction: of a rope the coefficients there. stuck, anchor: while
-    the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it
-    slides. stops: shares of their displacements that the corners give up in substep `stopped`. load: what a pinch
-    adds along `normal` [kg m].
+    last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
+    lean.py. friction: of a rope the coefficients there. stuck, anchor: while the facet sticks, the point with weights
+    `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of their displacements
+    that the corners give up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
     """
 
     when: int
@@ -59,7 +58,6 @@ class Press:
     normal: wp.vec3
     so_far: wp.vec4
     lean: wp.vec4
-    leaned: wp.vec3
     acted: wp.vec3
     friction: wp.vec2
     stuck: wp.vec3

@@ -16,20 +16,20 @@ Points are particles, and those of segments that a collider touches between its 
 
 import warp as wp
 
-from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.context import Context, note_searches
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, point_of, slip_at
+from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, STEP, Facet, make_deepest, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
 from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+from cloth_sim_ros.sim.ropes.arrays import Point
 
 RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
 # In a shorter one R falls with its square, as a rounding error of a gap would make ever more force. Below LEAST,
@@ -42,8 +42,8 @@ FULL = wp.constant(4)  # solves of a rope in a substep after which friction that
 # States of a contact. Friction of a DASHPOT turns no motion round.
 DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
-# Depth, as a fraction of the thickness, by which a segment has to be deeper elsewhere for its contact to move there.
-STAYS = wp.constant(2.0e-5)
+# Heights by which the ends of a segment are moved to see which part of it a collider may press, over the thickness.
+TILT = wp.constant(3.0e-2)
 WITHIN = wp.constant(1.5)  # distance at which a segment is watched in the solve, as a multiple of the thickness
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
@@ -342,7 +342,7 @@ def _inverse_mass(corners: wp.vec3i, weights: wp.vec3, ctx: Context) -> float:
 
 
 @wp.func
-def _moved_at(corners: wp.vec3i, point: wp.vec2, ctx: Context) -> wp.vec3:
+def _moved_at(corners: wp.vec3i, point: Point, ctx: Context) -> wp.vec3:
     """Return by how much a point of a segment, of these weights, moved since the solve began [m]."""
     a, b = ctx.body.particles + corners[0], ctx.body.particles + corners[1]
     first = xyz(load4(ctx.d, corners[0])) - ctx.state.rope.starts[a]
@@ -358,27 +358,47 @@ def _solved_between(k: int, ctx: Context) -> wp.vec3:
 
 
 def _make_watch(features: Features):
-    """Return a Warp function that opens the contact of a segment, and stores the point at which a collider touches it.
+    """Return a Warp function that opens the contact of a segment, and stores the point at which a collider presses it.
 
-    It is found anew before each solve. The point of a segment that slides over an edge changes, and beside it the
-    edge would push the rope along. The one that was pressed last stays while none is deeper by STAYS: the deepest
-    point of a segment that turns runs along it, so the push there would turn it back too far, and shake the rope.
+    As the segment turns, the deepest point runs along it on a round collider, and jumps from one end of a flat face to
+    the other. The push there turns the segment back, far too much in a substep of a light rope. So the solve has to
+    know how fast the point runs. It is told by the points a and b that are deepest if the segment turns by TILT either
+    way. Between them the point runs evenly, so on a flat face too. A sharp edge has a = b.
+
+    The function returns how fast the weight of the second corner falls [1/m] as this corner rises over the first.
     """
-    touched_in, signed_distance = make_touched_in(features), make_signed_distance(features.shapes)
+    touched_in, deepest = make_touched_in(features), make_deepest(features.shapes)
 
     @wp.func
-    def watch(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context):
+    def tilted(collider: ColliderMotion, facet: Facet, at: float, n: wp.vec3, up: float, ctx: Context) -> wp.vec2:
+        """Return where the segment is deepest if its second corner rises by 2 up [m], and the gap there as it is."""
+        turned, thickness = facet, ctx.material.thickness
+        turned.a -= up * n
+        turned.b += up * n
+        turned.c += up * n
+        found = deepest(collider.shape, collider.size, collider.data, turned, STEP * thickness, wp.vec3(0.0))
+        place = wp.where(wp.max(found.weights) > 0.0, found.weights[1] + found.weights[2], at)
+        return wp.vec2(place, found.value + up * (1.0 - 2.0 * place))
+
+    @wp.func
+    def watch(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> float:
         ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
-        if is_tested(corners, ctx, collider, sweep):
-            facet, press = facet_of(corners, ctx, sweep), ctx.state.contact.presses[entry]
-            weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
-            if wp.max(weights) > 0.0 and press.when >= ctx.substep - 1 and wp.max(press.weights) <= CORNER:
-                now = signed_distance(collider.shape, point_of(facet, weights), collider.size, collider.data)
-                was = signed_distance(collider.shape, point_of(facet, press.weights), collider.size, collider.data)
-                if was[3] - now[3] < STAYS * ctx.material.thickness:
-                    weights = press.weights
-            if wp.max(weights) > 0.0:
-                ctx.state.contact.presses[entry].weights = weights
+        if not is_tested(corners, ctx, collider, sweep):
+            return 0.0
+        facet, press, runs = facet_of(corners, ctx, sweep), ctx.state.contact.presses[entry], float(0.0)
+        weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
+        if wp.max(weights) == 0.0:
+            return 0.0
+        if press.when >= ctx.substep - 1 and wp.max(weights) <= CORNER:
+            n, up, at = sweep.to_local * press.normal, TILT * ctx.material.thickness, weights[1] + weights[2]
+            note_searches(2, collider, ctx)
+            a, b = tilted(collider, facet, at, n, up, ctx), tilted(collider, facet, at, n, -up, ctx)
+            runs = wp.max(b[0] - a[0], 0.0) / (4.0 * up)
+            if runs > 0.0:
+                at = wp.clamp(0.5 * (a[0] + b[0]) - (b[1] - a[1]) / (4.0 * up), a[0], b[0])
+            weights = wp.vec3(1.0 - at, at, 0.0)
+        ctx.state.contact.presses[entry].weights = weights
+        return runs
 
     return watch
 
@@ -397,15 +417,16 @@ def make_lean_between(features: Features):
     @wp.func
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
         corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
-        push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), wp.vec2(0.0), float(0.0)
+        push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), Point(), float(0.0)
         solved = _solved_between(k, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
             entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
             collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
+            runs = float(0.0)
             if writes:
-                watch(corners, entry, collider, sweep, ctx)
+                runs = watch(corners, entry, collider, sweep, ctx)
             weights = ctx.state.contact.presses[entry].weights
             if wp.max(weights) > 0.0 and wp.max(weights) <= CORNER:  # it touched the segment at some time
                 press = ctx.state.contact.presses[entry]
@@ -428,7 +449,8 @@ def make_lean_between(features: Features):
                     most, back = pressed, wp.transpose(sweep.to_local)
                     n, push = back * xyz(met), (1.0 / w) * (back * xyz(found))
                     hold = (1.0 / w) * slope_of(n, ratio, softness, found[3], push)
-                    point = wp.vec2(press.weights[0], press.weights[1] + press.weights[2])
+                    s, at = wp.sqrt(pressed / w * runs) * n, press.weights[1] + press.weights[2]
+                    point = Point(1.0 - at, at, s[0], s[1], s[2])
                     kept, best = entry, press
                     best.lean = pack(n, found[3])
                     best.friction = friction
@@ -440,7 +462,6 @@ def make_lean_between(features: Features):
             ctx.state.rope.segment_holds[place] = hold
             ctx.state.rope.segment_points[place] = point
             if kept >= 0:
-                best.leaned = best.weights
                 ctx.state.contact.presses[kept] = best
         return off or acted != (kept >= 0)
 

@@ -223,7 +223,7 @@ def _make_presses(features: Features):
 
     Most do not: they are told before a Press is made.
     """
-    point_on, press_on = _make_point_on(features), make_press_on(features)
+    point_on, press_on, leans = _make_point_on(features), make_press_on(features), features.leans
 
     @wp.func
     def presses(corners: wp.vec3i, entry: int, c: int, ctx: Context) -> bool:
@@ -235,11 +235,13 @@ def _make_presses(features: Features):
         if wp.max(weights) == 0.0:
             return False
         last = ctx.state.contact.presses[entry]
+        if wp.static(leans):
+            if last.lean[3] > 0.0:
+                weights = last.weights  # the same point as in the solve
         found = press_on(facet, weights, corners, entry, collider, sweep, last, ctx)
         if wp.max(found.weights) == 0.0:
             return False
         found.lean = last.lean
-        found.leaned = last.leaned
         found.acted = last.acted
         found.friction = last.friction
         found.when = ctx.substep
@@ -337,7 +339,7 @@ def _make_leaned(features: Features):
                 at = q * ctx.colliders.shape[0] + c
                 lean = ctx.state.contact.presses[at].lean
                 if ctx.state.contact.presses[at].when == ctx.substep and lean[3] > 0.0:
-                    weights = ctx.state.contact.presses[at].leaned
+                    weights = ctx.state.contact.presses[at].weights
                     share = wp.where(first, weights[0], weights[1] + weights[2]) * ctx.state.contact.presses[at].acted
                     entry = met.slot * ctx.colliders.shape[0] + c
                     add_force(entry, met.share * share, ctx)
