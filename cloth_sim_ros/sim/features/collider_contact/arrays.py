@@ -45,9 +45,10 @@ class Press:
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the
     last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
-    lean.py. friction: of a rope the coefficients there. stuck, anchor: while the facet sticks, the point with weights
-    `stuck` is held at `anchor` [m], in the collider's axes; all 0 if it slides. stops: shares of their displacements
-    that the corners give up in substep `stopped`. load: what a pinch adds along `normal` [kg m].
+    lean.py. friction: of a rope the coefficients there. rounded: height by which a flat face is rounded there [m].
+    stuck, anchor: while the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's
+    axes; all 0 if it slides. stops: shares of their displacements that the corners give up in substep `stopped`. load:
+    what a pinch adds along `normal` [kg m].
     """
 
     when: int
@@ -60,6 +61,7 @@ class Press:
     lean: wp.vec4
     acted: wp.vec3
     friction: wp.vec2
+    rounded: float
     stuck: wp.vec3
     anchor: wp.vec3
     stopped: int

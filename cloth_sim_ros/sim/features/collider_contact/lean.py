@@ -19,10 +19,20 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context, note_searches
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, STEP, Facet, make_deepest, point_of, slip_at
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    CORNER,
+    FAST,
+    STEP,
+    Facet,
+    longest_way,
+    make_deepest,
+    point_of,
+    slip_at,
+)
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
 from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
@@ -44,6 +54,7 @@ DASHPOT, STICKS = wp.constant(1.0), wp.constant(2.0)
 SLIDES = wp.constant(3.0)  # state of a contact whose friction does not depend on how far the solve moves it
 # Heights by which the ends of a segment are moved to see which part of it a collider may press, over the thickness.
 TILT = wp.constant(3.0e-2)
+UNSURE = wp.constant(4.0)  # errors of the searches that tell by how much a face is rounded, in NOISE
 WITHIN = wp.constant(1.5)  # distance at which a segment is watched in the solve, as a multiple of the thickness
 ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the distance from the collider's origin
 
@@ -362,22 +373,32 @@ def _make_watch(features: Features):
 
     As the segment turns, the deepest point runs along it on a round collider, and jumps from one end of a flat face to
     the other. The push there turns the segment back, far too much in a substep of a light rope. So the solve has to
-    know how fast the point runs. It is told by the points a and b that are deepest if the segment turns by TILT either
-    way. Between them the point runs evenly, so on a flat face too. A sharp edge has a = b.
+    know how fast the point runs. It is told by the points a and b that are deepest if the ends of the segment move by
+    `up`, TILT times the thickness, either way. With weights a and b of the second corner, and its rise t over the first
+    (from where both are as deep),
 
-    The function returns how fast the weight of the second corner falls [1/m] as this corner rises over the first.
+        p = (a + b) / 2 - (b - a) t / (4 up),    within a and b.
+
+    On a flat face the push at p belongs to a collider that is rounded there: the gap at p, less the integral of p by t
+    from where p is a or b. Without this the push would not be the gradient of a gap, and rock a stiff rope for ever. A
+    sharp edge has a = b.
+
+    The function returns -dp/dt [1/m].
     """
     touched_in, deepest = make_touched_in(features), make_deepest(features.shapes)
+    signed_distance = make_signed_distance(features.shapes)
 
     @wp.func
     def tilted(collider: ColliderMotion, facet: Facet, at: float, n: wp.vec3, up: float, ctx: Context) -> wp.vec2:
-        """Return where the segment is deepest if its second corner rises by 2 up [m], and the gap there as it is."""
-        turned, thickness = facet, ctx.material.thickness
-        turned.a -= up * n
-        turned.b += up * n
-        turned.c += up * n
-        found = deepest(collider.shape, collider.size, collider.data, turned, STEP * thickness, wp.vec3(0.0))
-        place = wp.where(wp.max(found.weights) > 0.0, found.weights[1] + found.weights[2], at)
+        """Return where its line is deepest if its corners move by -up and up [m], and the gap there as it is."""
+        turned, way = facet, (facet.b - facet.a) + (2.0 * up) * n
+        turned.a += -way - up * n
+        turned.b += way + up * n
+        turned.c = turned.b
+        found = deepest(
+            collider.shape, collider.size, collider.data, turned, STEP * ctx.material.thickness, wp.vec3(0.0)
+        )
+        place = wp.where(wp.max(found.weights) > 0.0, 3.0 * (found.weights[1] + found.weights[2]) - 1.0, at)
         return wp.vec2(place, found.value + up * (1.0 - 2.0 * place))
 
     @wp.func
@@ -385,19 +406,26 @@ def _make_watch(features: Features):
         ctx.state.contact.presses[entry].lean = wp.vec4(0.0)
         if not is_tested(corners, ctx, collider, sweep):
             return 0.0
-        facet, press, runs = facet_of(corners, ctx, sweep), ctx.state.contact.presses[entry], float(0.0)
+        facet, runs, round = facet_of(corners, ctx, sweep), float(0.0), float(0.0)
         weights = touched_in(facet, entry, collider, WITHIN * ctx.material.thickness, ctx)
         if wp.max(weights) == 0.0:
             return 0.0
-        if press.when >= ctx.substep - 1 and wp.max(weights) <= CORNER:
-            n, up, at = sweep.to_local * press.normal, TILT * ctx.material.thickness, weights[1] + weights[2]
+        if wp.max(weights) <= CORNER and longest_way(facet) <= FAST * ctx.material.thickness:
+            n = xyz(signed_distance(collider.shape, point_of(facet, weights), collider.size, collider.data))
+            up, at = TILT * ctx.material.thickness, weights[1] + weights[2]
             note_searches(2, collider, ctx)
             a, b = tilted(collider, facet, at, n, up, ctx), tilted(collider, facet, at, n, -up, ctx)
             runs = wp.max(b[0] - a[0], 0.0) / (4.0 * up)
             if runs > 0.0:
-                at = wp.clamp(0.5 * (a[0] + b[0]) - (b[1] - a[1]) / (4.0 * up), a[0], b[0])
-            weights = wp.vec3(1.0 - at, at, 0.0)
+                way = wp.clamp(-(b[1] - a[1]) / (4.0 * up), -0.5 * (b[0] - a[0]), 0.5 * (b[0] - a[0]))
+                at = 0.5 * (a[0] + b[0]) + way
+                weights = wp.vec3(1.0 - at, at, 0.0)
+                now = signed_distance(collider.shape, point_of(facet, weights), collider.size, collider.data)
+                over = 0.5 * (a[1] + b[1]) + way * (b[1] - a[1]) / (b[0] - a[0])
+                arc = (0.5 * up) * (b[0] - a[0]) - 0.5 * way * way / runs
+                round = wp.max(now[3] - over + arc - UNSURE * NOISE, 0.0)  # 0 where the collider is round itself
         ctx.state.contact.presses[entry].weights = weights
+        ctx.state.contact.presses[entry].rounded = round
         return runs
 
     return watch
@@ -434,7 +462,7 @@ def make_lean_between(features: Features):
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
                 apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
                 met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
-                met[3] += NOISE  # as in surface.py
+                met[3] += NOISE - press.rounded  # as in surface.py
                 local = sweep.to_local * press.normal
                 before = wp.vec3(0.0)
                 if press.when >= ctx.substep - 1:

@@ -193,6 +193,7 @@ def make_press_on(features: Features):
             before *= ctx.step.effective * ctx.step.effective
             gap = exact_gap(gap, wp.dot(slip, xyz(touching)), wp.length(p))
             if last.lean[3] > 0.0:
+                gap -= last.rounded
                 friction = last.friction
         gap += slack
         squeezed = is_between(squeezed, gap, slack, xyz(touching), c, ctx)
@@ -242,6 +243,7 @@ def _make_presses(features: Features):
         if wp.max(found.weights) == 0.0:
             return False
         found.lean = last.lean
+        found.rounded = last.rounded
         found.acted = last.acted
         found.friction = last.friction
         found.when = ctx.substep
