@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cloth_sim_ros.sim import Fabric, Settings
+from cloth_sim_ros.sim.scene.materials import FABRICS
 from cloth_sim_ros.study import __main__
 from cloth_sim_ros.study.fabric import command, laboratory, meshes
 
@@ -38,6 +39,13 @@ def test_a_tent_casts_the_shadow_of_its_rim():
 def test_a_strip_over_an_edge_has_the_rigidity_of_its_direction(degrees, wanted):
     found = laboratory.overhung(STIFF, "delaunay", degrees, 12, Settings(error=1e-2))
     assert found == pytest.approx(wanted, rel=0.03)
+
+
+@pytest.mark.parametrize("degrees", [0.0, pytest.param(45.0, marks=pytest.mark.long)])
+def test_a_strip_of_few_substeps_has_its_modulus(degrees):
+    """The springs of an irregular mesh act in turn, which left it 26 % too soft."""
+    found = laboratory.pulled(FABRICS["silk"], "delaunay", 0.008, degrees, Settings(substeps=140))
+    assert found == pytest.approx(laboratory.modulus(FABRICS["silk"], degrees), rel=0.03)
 
 
 @pytest.mark.long

@@ -10,10 +10,12 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 class TrialState:
     """State of trial frames of explicit steps; see State for the letters."""
 
-    strain_found: wp.array(dtype=float)  # (B,) largest strain above 0.5 at the end of this frame, else 0
-    strain: wp.array(dtype=float)  # (B,) the same for the frame before
+    strains: wp.array(
+        dtype=float
+    )  # (2 B,) largest strains above 0.5, else 0, at the ends of the last frame and of this
     rejected: wp.array(dtype=int)  # (B,) 1 if the frame is repeated
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    return dict.fromkeys(TrialState.vars, n.bodies * (features.method == "verlet"))
+    bodies = n.bodies * (features.method == "verlet")
+    return {"strains": 2 * bodies, "rejected": bodies}

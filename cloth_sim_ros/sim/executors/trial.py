@@ -58,7 +58,7 @@ def find_strain(given: wp.array(dtype=Arrays), b: int, first: int, slots: int):
     e = xyz(load_row(s.positions, q) - load_row(s.positions, p))
     strain = wp.abs(wp.length(e) / m.line_rests[k] - 1.0)
     if strain > STRAINED:
-        wp.atomic_max(s.trial.strain_found, b, strain)
+        wp.atomic_max(s.trial.strains, 2 * b + 1, strain)
 
 
 @compiled
@@ -68,7 +68,8 @@ def judge(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), any_reje
     s, start = given[i / bodies].state, starts[i / bodies]
     b = i % bodies
     recovered = s.recoveries[b] != start.recoveries[b]
-    most, least = wp.max(s.trial.strain_found[b], s.trial.strain[b]), wp.min(s.trial.strain_found[b], s.trial.strain[b])
+    last, now = s.trial.strains[2 * b], s.trial.strains[2 * b + 1]
+    most, least = wp.max(now, last), wp.min(now, last)
     moves = bool(False)
     for k in range(given[0].colliders.shape[0]):
         c = given[i / bodies].colliders[k]
@@ -76,8 +77,8 @@ def judge(given: wp.array(dtype=Arrays), starts: wp.array(dtype=Start), any_reje
         moves = moves or turned + wp.length_sq(c.end_position - c.start_position) > 0.0
     bad = recovered or most > TOO_STRAINED or (most > STRAINED and (most > GROWTH * least or moves))
     s.trial.rejected[b] = wp.where(bad, 1, 0)
-    s.trial.strain[b] = s.trial.strain_found[b]
-    s.trial.strain_found[b] = 0.0
+    s.trial.strains[2 * b] = s.trial.strains[2 * b + 1]
+    s.trial.strains[2 * b + 1] = 0.0
     if bad:
         s.recoveries[b] = start.recoveries[b]
         s.control.redone[b] += 1
@@ -105,8 +106,8 @@ def remember_strain(given: wp.array(dtype=Arrays)):
     s = given[i / bodies].state
     b = i % bodies
     if s.trial.rejected[b] == 1:
-        s.trial.strain[b] = s.trial.strain_found[b]
-    s.trial.strain_found[b] = 0.0
+        s.trial.strains[2 * b] = s.trial.strains[2 * b + 1]
+    s.trial.strains[2 * b + 1] = 0.0
 
 
 class Trial:

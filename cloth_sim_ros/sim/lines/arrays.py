@@ -18,6 +18,7 @@ class LineState:
     line_slips: wp.array(
         dtype=float
     )  # (S,) rate of elongation of springs right after their solve [m/s], order 2 or sewn
+    line_defects: wp.array(dtype=float)  # (2 S,) q, then p, of defect correction [m], see solve.py; order 2
     bases: wp.array(dtype=wp.vec4)  # (N,) displacement that dashpots see as none [m], see physics/integrate.py
     tautness: wp.array(dtype=float)  # (N,) largest tension of a line through a particle [N]
     line_lengths: wp.array(dtype=float)  # (S,) rest lengths of a membrane's springs [m]
@@ -28,6 +29,7 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
     return {
         "line_multipliers": n.slots,
         "line_slips": n.slots if features.order == 2 or features.sewn else 0,
+        "line_defects": 2 * n.slots if features.order == 2 else 0,
         "bases": n.particles if n.slots else 0,
         "tautness": n.particles if n.slots else 0,
         "line_lengths": n.slots if features.membrane else 0,

@@ -13,6 +13,8 @@ const int* at = nodes.data + (size_t)8 * first;
 const float* rest = rests.data + (size_t)8 * first;
 const float* scale = scales.data + (size_t)8 * first;
 float* kept = multipliers.data + (size_t)8 * first;
+float* kept_defect = defects.data + (size_t)8 * first;
+float* kept_mean = kept_defect + defects.shape[0] / 2;
 float* slip_rate = slips.data + (size_t)8 * first;
 
 Lanes x[4], d[4], motion[4];
@@ -34,6 +36,8 @@ Lanes speed[4];
 gather(x_address, at, x);
 gather(d_address, at, d);
 if (gamma > 0.0f) moved_of(at, d, motion);
+Lanes lo[4];
+if (corrects > 0.0f && fresh) gather(position_lo, at, lo);
 if (carried > 0.0f) gather((uint64_t)v, at, speed);
 Lanes columns[4];
 transpose(d, columns);
@@ -72,6 +76,7 @@ for (int k = 0; k + 1 < slots; ++k) {
     const Lanes compliance = alpha * *(const Kept*)(scale + 8 * k);
     Lanes violation = length - free_length;
     if (!fresh) violation += compliance * *(const Kept*)(kept + 8 * k);
+    Lanes slipped = 0.0f;  // slip of the substep before
     if (gamma > 0.0f) {
         Lanes next_motion[4], apart[4];
         moved_of(next, next_d, next_motion);
@@ -94,9 +99,32 @@ for (int k = 0; k + 1 < slots; ++k) {
             transpose(before_x, edge);
             transpose(apart, de);
             const Lanes was_long = __builtin_elementwise_sqrt(dot(edge, edge));
-            violation += gamma * (longer(edge, was_long, de) - span * *(const Kept*)(slip_rate + 8 * k));
+            slipped = longer(edge, was_long, de);
+            violation += gamma * (slipped - span * *(const Kept*)(slip_rate + 8 * k));
         }
         if (keeps) *(Kept*)(slip_rate + 8 * k) = slip - violation / (1.0f + gamma);
+    }
+    if (corrects > 0.0f) {
+        Kept& defect = *(Kept*)(kept_defect + 8 * k);
+        Kept& mean = *(Kept*)(kept_mean + 8 * k);
+        if (fresh && carried == 0.0f) {
+            defect = mean = 0.0f;
+        } else if (fresh) {
+            Lanes next_lo[4], was[4];
+            gather(position_lo, next, next_lo);
+            for (int r = 0; r < 4; ++r) {
+                before_x[r] += next_lo[r] - lo[r];
+                lo[r] = next_lo[r];
+            }
+            transpose(before_x, was);
+            defect += corrects * (__builtin_elementwise_sqrt(dot(was, was)) - free_length + gamma * slipped);
+            const Lanes most = kMostDefect * free_length;
+            defect = __builtin_elementwise_min(__builtin_elementwise_max(defect, -most), most);
+            mean += corrects * (defect - mean);
+            violation += 2.0f * defect - mean;
+        } else {
+            violation += 2.0f * (defect - corrects * compliance * *(const Kept*)(kept + 8 * k)) - mean;
+        }
     }
     const Lanes both = weight + next_weight;
     const Lanes diagonal = (1.0f + gamma) * both + compliance + 1.0e-5f * both + 1.0e-30f;
@@ -140,6 +168,7 @@ for (int k = slots - 2; k >= 0; --k) {
         Kept& stored = *(Kept*)(kept + 8 * k);
         stored = fresh ? lambda : stored + lambda;
     }
+    if (corrects > 0.0f) *(Kept*)(kept_defect + 8 * k) += corrects * alpha * *(const Kept*)(scale + 8 * k) * lambda;
     if (keeps) {
         Kept& rate = *(Kept*)(slip_rate + 8 * k);
         rate = (rate - alpha * *(const Kept*)(scale + 8 * k) * lambda / (1.0f + gamma)) / span;

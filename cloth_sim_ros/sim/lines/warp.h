@@ -29,7 +29,10 @@ auto longer = [](float ex, float ey, float ez, float length, float x, float y, f
     return __fdividef((ex + bx) * x + (ey + by) * y + (ez + bz) * z, length + was_long + 1.0e-30f);
 };
 float slip[Slots];  // slip of the substep before, less the part up to its solve
-if (gamma > 0.0f && carried > 0.0f) {
+float defect[Slots], mean[Slots];  // as in lanes.h
+const size_t behind_defects = defects.shape[0] / 2;
+const bool goes_on = gamma > 0.0f && carried > 0.0f;
+if (goes_on) {
     float4 v[Slots + 1];
     #pragma unroll
     for (int j = 0; j < Slots; ++j) {
@@ -41,9 +44,35 @@ if (gamma > 0.0f && carried > 0.0f) {
     for (int j = 0; j < Slots; ++j) {
         const float wx = x[j + 1].x - x[j].x, wy = x[j + 1].y - x[j].y, wz = x[j + 1].z - x[j].z;
         const float square = wx * wx + wy * wy + wz * wz, length = square * rsqrtf(square + 1.0e-30f);
-        slip[j] = longer(wx, wy, wz, length, v[j + 1].x - v[j].x, v[j + 1].y - v[j].y, v[j + 1].z - v[j].z)
-            - span * slips.data[(size_t)(first + j) * 32 + lane];
+        slip[j] = longer(wx, wy, wz, length, v[j + 1].x - v[j].x, v[j + 1].y - v[j].y, v[j + 1].z - v[j].z);
     }
+}
+if (corrects > 0.0f) {
+    float4 lo[Slots + 1];
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) lo[j] = ((const float4*)position_lo)[node[j] < 0 ? 0 : node[j]];
+    lo[Slots] = make_float4(down(lo[0].x, 1), down(lo[0].y, 1), down(lo[0].z, 1), 0.0f);
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) {
+        const size_t at = (size_t)(first + j) * 32 + lane;
+        const float rest = rests.data[at];
+        defect[j] = mean[j] = 0.0f;
+        if (goes_on || !fresh) mean[j] = defects.data[behind_defects + at];
+        if (!fresh) defect[j] = defects.data[at] - corrects * alpha * scales.data[at] * multipliers.data[at];
+        if (!fresh || !goes_on || rest < 0.0f) continue;
+        const float ex = (x[j + 1].x - x[j].x) + (lo[j + 1].x - lo[j].x);
+        const float ey = (x[j + 1].y - x[j].y) + (lo[j + 1].y - lo[j].y);
+        const float ez = (x[j + 1].z - x[j].z) + (lo[j + 1].z - lo[j].z);
+        const float square = ex * ex + ey * ey + ez * ez, near = rsqrtf(square + 1.0e-30f), rough = square * near;
+        const float length = fmaf(fmaf(-rough, rough, square), 0.5f * near, rough);
+        defect[j] = defects.data[at] + corrects * (length - rest + gamma * slip[j]);
+        defect[j] = fminf(fmaxf(defect[j], -kMostDefect * rest), kMostDefect * rest);
+        mean[j] += corrects * (defect[j] - mean[j]);
+    }
+}
+if (goes_on) {
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) slip[j] -= span * slips.data[(size_t)(first + j) * 32 + lane];
 }
 float4 m[Slots + 1];  // displacement in this substep, as dashpots see it
 if (gamma > 0.0f) {
@@ -85,6 +114,7 @@ for (int j = 0; j < Slots; ++j) {
         const float own = longer(ex, ey, ez, length, ax, ay, az);
         violation += gamma * own;
         if (carried > 0.0f) violation += gamma * slip[j];
+        if (corrects > 0.0f) violation += 2.0f * defect[j] - mean[j];
         if (keeps) slip[j] = own - violation / (1.0f + gamma);
     }
     const float both = w[j] + (j + 1 < Slots ? w[j + 1 < Slots ? j + 1 : 0] : w_next);
@@ -152,6 +182,14 @@ if (stores) {
     for (int j = 0; j < Slots; ++j) {
         float& stored = multipliers.data[(size_t)(first + j) * 32 + lane];
         stored = fresh ? R[j] : stored + R[j];
+    }
+}
+if (corrects > 0.0f) {
+    #pragma unroll
+    for (int j = 0; j < Slots; ++j) {
+        const size_t at = (size_t)(first + j) * 32 + lane;
+        defects.data[at] = defect[j] + corrects * alpha * scales.data[at] * (fresh ? R[j] : multipliers.data[at]);
+        defects.data[behind_defects + at] = mean[j];
     }
 }
 if (keeps) {

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cloth_sim_ros.sim.lines.solve import DAMPED
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
 from cloth_sim_ros.sim.substeps.prices import Surroundings
@@ -30,9 +31,7 @@ _SIDE, _SIDE_LAYERS = 10.0, 5.0
 _LOOSE = 1e-2  # error for which the static strain stays right, however much contact costs
 # See _static: largest excess of a static strain over solver.error, loss in meshes, strain that is seen.
 _EXCESS, _LOST, _SEEN = 25.0, 0.1, 1e-4
-# Factor of these substeps for a membrane, as its soft strains lose most: at an error of 1e-2 irregular meshes of cotton
-# or silk in a picture frame then have 2.8 % too little of their shear modulus, where without it 4.5 %.
-_COUPLED = 1.3
+_COUPLED = 1.3  # factor of these substeps for a membrane, as its soft strains lose most
 _MOST_STIFF = 6.0  # largest ratio of the substeps that leapfrog needs to the sweeps of BDF2 on a mesh
 _BENDING = 0.2  # largest (omega h_e)^2 of the stiffest bending mode when xpbd chooses its substeps
 _LEAPFROG = 4.0e-4  # relative error of leapfrog at its limit; twice the substeps divide it by four
@@ -125,8 +124,10 @@ def _xpbd(
     order = settings.order or (1 if paid < smooth else 2)
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
-    static = _static(settings.error, topology, materials, stiff, around) / iterations
+    corrected = _corrected(settings, order, materials)
     steady = _steady(topology, stiff) / iterations
+    corrected = max(corrected, steady)
+    static = min(_static(settings.error, topology, materials, stiff, around) / iterations, corrected)
     most = max(paid, min(math.ceil(steady), _MOST))
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
     needed = math.ceil(max(fewest, bending, static))
@@ -148,12 +149,18 @@ def _xpbd(
         reason += f"; {share:.2g} of its bending rigidity acts"
     test = prices.test(around) / around.speed / price
     if test > 0.0:
-        loose = _static(max(settings.error, _LOOSE), topology, materials, stiff, around) / iterations
+        loose = min(_static(max(settings.error, _LOOSE), topology, materials, stiff, around) / iterations, corrected)
         fewest = min(least, math.ceil(max(fewest, smooth, bending, loose if topology.coupling is None else steady)))
     else:
         fewest = least
     bounds = (substeps, iterations, settings.error, reason, least, most)
     return Choice("xpbd", order, *bounds, 1, share, around.surface, test, fewest)
+
+
+def _corrected(settings: Settings, order: int, materials: Collection[tuple[Sequence[float], float]]) -> float:
+    """Substeps from which the defect correction of lines/solve.py gives a sheet at rest all of its stiffness."""
+    damping = min(damping for _, damping in materials)
+    return DAMPED * _effective(settings, order) / damping if order == 2 and damping > 0.0 else math.inf
 
 
 def _static(

@@ -17,7 +17,7 @@ _NS = 1e-6  # a nanosecond [ms]
 # much for each unit of its cost, facets. Then the cost of a spring of a line, and the extra costs of its dashpot and of
 # its coupling in a membrane.
 _MOTION, _AIR, _PLATE, _CURVED, _COLLIDER, _FACETS = (n * _NS for n in (7.0, 25.0, 1.2, 54.0, 10.0, 40.0))
-_SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 2.3 * _NS, 8.0 * _NS
+_SPRING, _DASHPOT, _COUPLING = 5.0 * _NS, 3.5 * _NS, 8.0 * _NS
 # Cost of a particle of a rope, more if it resists bending, and more where there are colliders, once for particles and
 # once for segments [ms].
 _SEGMENT, _BEND, _LEAN = 85.0 * _NS, 60.0 * _NS, 80.0 * _NS

@@ -26,7 +26,7 @@ BOX = Box(half_extents=(0.05, 0.05, 0.05), position=(0.0, 0.0, 0.05))
 
 
 def on_a_box(box=BOX, **settings):
-    scene = Scene(objects={"it": sheet(position=(0.0, 0.0, 0.106), pins=None)}, colliders={"box": box})
+    scene = Scene(objects={"it": sheet(position=(0.0, 0.0, 0.106), pins=None, damping=0.0)}, colliders={"box": box})
     return Simulation(scene, Settings(**settings), device="cpu")
 
 

@@ -349,6 +349,6 @@ def make_contact(features: Features):
             if found & TOUCHED != 0:
                 strain = widest_around(i, ctx) / ctx.body.gap - 1.0
                 if strain > TOO_STRAINED:  # it may let the collider through; the frame is repeated, see trial.py
-                    wp.atomic_max(ctx.state.trial.strain_found, ctx.body.index, strain)
+                    wp.atomic_max(ctx.state.trial.strains, 2 * ctx.body.index + 1, strain)
 
     return contact
