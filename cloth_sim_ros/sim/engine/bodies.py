@@ -135,7 +135,8 @@ class Bodies:
         device, gravity = "cpu" if self.warp_device.is_cpu else "cuda", float(np.linalg.norm(self.scene.gravity))
         wind, spare = self.scene.wind is not None, self.scene.spare_colliders
         costs = [each.cost for each in self.scene.colliders.values()][: self.fixed] + [Collider.cost] * spare
-        return Surroundings(device, wind, costs, self.worlds, spare > 0, self._is_coupled(name), gravity, self.speed)
+        kinds = {"surface": spare > 0, "coupled": self._is_coupled(name), "sewn": name in self.scene.sewn}
+        return Surroundings(device, wind, costs, self.worlds, gravity=gravity, speed=self.speed, **kinds)
 
     def _share_budget(self) -> dict[str, float]:
         """Share of the budget of each object. Those that advance in step count as one. A GPU runs objects side by side.

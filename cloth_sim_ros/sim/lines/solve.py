@@ -23,7 +23,7 @@ end, and p follows q, in n substeps:
 (defect correction, Stetter 1978; with the lead q - p of double exponential smoothing, Brown 1963). At rest the law
 holds at the end then, for any substep. A correction that comes late feeds what swings, by less than the dashpots take:
 its time is a small multiple of theirs. With the lead it is not late for what swings slowly, where dashpots do little.
-Sheets whose dashpots are not longer than some substeps have none. kMostDefect bounds q over the rest length.
+Sheets that are sewn, or whose dashpots are short, have none. kMostDefect bounds q over the rest length.
 
 In substeps that weigh (see WEIGHED in integrate.py), lines of a body with pinned or held particles make their particles
 heavier. Each adds the size of its force there. The largest tension of a line counts too.
@@ -111,7 +111,7 @@ def make_solve_line_row(features: Features):
             keeps = ctx.last and gamma > 0.0
             if wp.static(features.order == 1) or ctx.step.second:
                 carried = wp.static(1.0 / 3.0)
-        if wp.static(features.order == 2):
+        if wp.static(features.order == 2 and not features.sewn):  # a seam moves what lines have solved
             whole = bool(True)
             if wp.static(features.membrane):
                 whole = coupled_share(ctx) == 1.0  # in longer substeps a mesh on a ball trembles with it

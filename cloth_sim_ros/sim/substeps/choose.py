@@ -124,7 +124,7 @@ def _xpbd(
     order = settings.order or (1 if paid < smooth else 2)
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
-    corrected = _corrected(settings, order, materials)
+    corrected = math.inf if around.sewn else _corrected(settings, order, materials)
     steady = _steady(topology, stiff) / iterations
     corrected = max(corrected, steady)
     static = min(_static(settings.error, topology, materials, stiff, around) / iterations, corrected)

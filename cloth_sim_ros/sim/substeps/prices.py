@@ -37,7 +37,7 @@ class Surroundings:
 
     device: "cpu" or "cuda". wind: True with air. colliders: the cost of each. worlds: number of them. surface: True if
     colliders are also kept out between particles. coupled: True with self or object contact. gravity: [m/s^2]. speed:
-    that of the device, see speed.py. share: share of the budget that is the object's own.
+    that of the device, see speed.py. share: share of the budget that is the object's own. sewn: True with seams.
     """
 
     device: str
@@ -49,6 +49,7 @@ class Surroundings:
     gravity: float = 9.81
     speed: float = 1.0
     share: float = 1.0
+    sewn: bool = False
 
 
 def xpbd(topology: Topology, materials: Collection[tuple[Sequence[float], float]], around: Surroundings) -> float:
