@@ -124,9 +124,8 @@ def _xpbd(
     order = settings.order or (1 if paid < smooth else 2)
     smooth = smooth if order == 2 else 0.0
     stiff = _effective(settings, order) / settings.frame_dt * limit
-    corrected = math.inf if around.sewn else _corrected(settings, order, materials)
     steady = _steady(topology, stiff) / iterations
-    corrected = max(corrected, steady)
+    corrected = max(_corrected(settings, order, materials, around), steady)
     static = min(_static(settings.error, topology, materials, stiff, around) / iterations, corrected)
     most = max(paid, min(math.ceil(steady), _MOST))
     bending = _effective(settings, order) * math.sqrt(rate / _BENDING)
@@ -157,10 +156,14 @@ def _xpbd(
     return Choice("xpbd", order, *bounds, 1, share, around.surface, test, fewest)
 
 
-def _corrected(settings: Settings, order: int, materials: Collection[tuple[Sequence[float], float]]) -> float:
+def _corrected(
+    settings: Settings, order: int, materials: Collection[tuple[Sequence[float], float]], around: Surroundings
+) -> float:
     """Substeps from which the defect correction of lines/solve.py gives a sheet at rest all of its stiffness."""
     damping = min(damping for _, damping in materials)
-    return DAMPED * _effective(settings, order) / damping if order == 2 and damping > 0.0 else math.inf
+    if order == 1 or around.sewn or damping == 0.0:
+        return math.inf
+    return DAMPED * _effective(settings, order) / damping
 
 
 def _static(

@@ -374,8 +374,8 @@ def _make_watch(features: Features):
     As the segment turns, the deepest point runs along it on a round collider, and jumps from one end of a flat face to
     the other. The push there turns the segment back, far too much in a substep of a light rope. So the solve has to
     know how fast the point runs. It is told by the points a and b that are deepest if the ends of the segment move by
-    `up`, TILT times the thickness, either way. With weights a and b of the second corner, and its rise t over the first
-    (from where both are as deep),
+    `up`, TILT times the thickness, either way. Let a and b be their weights of the second corner. It has risen by t
+    over the first since both points were as deep. Then
 
         p = (a + b) / 2 - (b - a) t / (4 up),    within a and b.
 
