@@ -8,7 +8,8 @@ import warp as wp
 
 from cloth_sim_ros.sim import Box, Capsule, Cylinder, Ellipsoid, Mesh, Sphere
 from cloth_sim_ros.sim.colliders import make_signed_distance, number_of, shape_of
-from cloth_sim_ros.sim.features.collider_contact.facet import Facet, make_deepest, point_of
+from cloth_sim_ros.sim.features.collider_contact.facet import Facet, point_of
+from cloth_sim_ros.sim.features.collider_contact.facet_search import make_deepest
 
 SHAPES = {
     "sphere": Sphere(radius=0.1),

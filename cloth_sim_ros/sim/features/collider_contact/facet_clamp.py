@@ -15,14 +15,7 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_width
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
-from cloth_sim_ros.sim.features.collider_contact.facet import (
-    ADVANCES,
-    STEP,
-    back,
-    longest_way,
-    make_deepest,
-    make_least,
-)
+from cloth_sim_ros.sim.features.collider_contact.facet import back, longest_way, make_least
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     corner_in,
     corners_of,
@@ -32,6 +25,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     moved_since,
     slip_of_particle,
 )
+from cloth_sim_ros.sim.features.collider_contact.facet_search import ADVANCES, STEP, make_deepest
 from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz

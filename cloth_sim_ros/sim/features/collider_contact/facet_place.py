@@ -16,11 +16,10 @@ from cloth_sim_ros.sim.features.collider_contact.facet import (
     Facet,
     farthest_of,
     longest_way,
-    make_balanced,
     make_least,
-    make_touched,
     middle_of,
 )
+from cloth_sim_ros.sim.features.collider_contact.facet_search import make_balanced, make_touched
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, slip_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, xyz
 

@@ -23,17 +23,9 @@ from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
-from cloth_sim_ros.sim.features.collider_contact.facet import (
-    CORNER,
-    FAST,
-    STEP,
-    Facet,
-    longest_way,
-    make_deepest,
-    point_of,
-    slip_at,
-)
+from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, FAST, Facet, longest_way, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
+from cloth_sim_ros.sim.features.collider_contact.facet_search import STEP, make_deepest
 from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
