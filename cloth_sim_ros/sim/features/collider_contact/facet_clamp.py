@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     moved_since,
     slip_of_particle,
 )
-from cloth_sim_ros.sim.features.collider_contact.facet_search import ADVANCES, STEP, make_deepest
+from cloth_sim_ros.sim.features.collider_contact.facet_search import ADVANCES, make_deepest
 from cloth_sim_ros.sim.features.collider_contact.particle import Met, add_force, length_of
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row, xyz
@@ -87,7 +87,7 @@ def _make_given_up(shapes: tuple[str, ...]):
         # No point comes nearer than by its own displacement (conservative advancement).
         while count < wp.static(ADVANCES):
             was = back(facet, left)
-            found = deepest(collider.shape, collider.size, collider.data, was, STEP * thickness, none)
+            found = deepest(collider.shape, collider.size, collider.data, was, thickness, none)
             if count == 0 or hollow:
                 plane = found.plane
                 apart = wp.max(found.value, 0.0)

@@ -225,7 +225,7 @@ def _make_search(shapes: tuple[str, ...]):
     signed_distance, along = make_signed_distance(shapes), make_along(shapes)
 
     @wp.func
-    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         best = Deepest()
         if facet.is_segment:
             line = along(shape, size, data, facet.a, facet.b - facet.a)
@@ -253,7 +253,11 @@ def _make_search(shapes: tuple[str, ...]):
                 bundle = tightened(bundle, row, offset, at, plane)
             bundle = within_sides(bundle, length)
             best.plane = wp.transpose(bundle.planes) * bundle.multipliers
-            if best.value - bundle.lowest[2] <= NOISE:
+            error = best.value - bundle.lowest[2]
+            if error <= NOISE:
+                return best
+            if error <= bundle.lowest[2] - thickness:  # farther off this is enough
+                best.value = bundle.lowest[2]
                 return best
             at = next_place(k, bundle)
             k += 1
@@ -279,10 +283,10 @@ def _or_formula(search, shapes: tuple[str, ...]):
         return search
 
     @wp.func
-    def by_formula(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+    def by_formula(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         weights = formula(shape, facet.a, facet.b, facet.c)
         if wp.max(weights) == 0.0:
-            return search(shape, size, data, facet, step, known)
+            return search(shape, size, data, facet, thickness, known)
         if facet.is_segment:
             weights = wp.vec3(weights[0], weights[1] + weights[2], 0.0)
         found, p = Deepest(), point_of(facet, weights)
@@ -300,12 +304,12 @@ def _or_spread(search, shapes: tuple[str, ...], width):
     is_beyond = make_is_beyond(shapes)
 
     @wp.func
-    def spread(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+    def spread(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         side = wp.max(wp.length(facet.b - facet.a), wp.max(wp.length(facet.c - facet.b), wp.length(facet.a - facet.c)))
         steps = int(wp.clamp(wp.ceil(side / width(shape, data)), wp.static(float(_FEWEST)), wp.static(float(_MOST))))
         share, apart = 1.0 / float(steps), side / float(steps)
         best = Deepest()
-        best.value = step + apart  # farther samples need not be told apart
+        best.value = STEP * thickness + apart  # farther samples need not be told apart
         is_known = wp.max(known) > 0.0
         count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
         k = int(0)
@@ -332,17 +336,17 @@ def _or_spread(search, shapes: tuple[str, ...], width):
         part.a = around * facet.a + (1.0 - around) * point_of(facet, middle)
         part.b = around * facet.b + (1.0 - around) * point_of(facet, middle)
         part.c = around * facet.c + (1.0 - around) * point_of(facet, middle)
-        local = search(shape, size, data, part, step, known)
+        local = search(shape, size, data, part, thickness, known)
         if local.value < best.value:
             best = local
             best.weights = around * local.weights + (1.0 - around) * middle
         return best
 
     @wp.func
-    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, step: float, known: wp.vec3) -> Deepest:
+    def deepest(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         if width(shape, data) > 0.0:
-            return spread(shape, size, data, facet, step, known)
-        return search(shape, size, data, facet, step, known)
+            return spread(shape, size, data, facet, thickness, known)
+        return search(shape, size, data, facet, thickness, known)
 
     return deepest
 
@@ -403,7 +407,7 @@ def make_touched(shapes: tuple[str, ...]):
         gap = float(1.0)
         # The last turn is at the end of its way; one loop lets the compiler emit the search once.
         while touch.searches <= wp.static(ADVANCES) and gap > 1.0e-3 * thickness:
-            touch.deepest = deepest(shape, size, data, back(facet, touch.left), STEP * thickness, known)
+            touch.deepest = deepest(shape, size, data, back(facet, touch.left), thickness, known)
             gap = 0.0
             if touch.left > 0.0:
                 gap = touch.deepest.value - thickness

@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_o
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, FAST, Facet, longest_way, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
-from cloth_sim_ros.sim.features.collider_contact.facet_search import STEP, make_deepest
+from cloth_sim_ros.sim.features.collider_contact.facet_search import make_deepest
 from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
@@ -387,9 +387,8 @@ def _make_watch(features: Features):
         turned.a += -way - up * n
         turned.b += way + up * n
         turned.c = turned.b
-        found = deepest(
-            collider.shape, collider.size, collider.data, turned, STEP * ctx.material.thickness, wp.vec3(0.0)
-        )
+        none = wp.vec3(0.0)
+        found = deepest(collider.shape, collider.size, collider.data, turned, ctx.material.thickness, none)
         place = wp.where(wp.max(found.weights) > 0.0, 3.0 * (found.weights[1] + found.weights[2]) - 1.0, at)
         return wp.vec2(place, found.value + up * (1.0 - 2.0 * place))
 
