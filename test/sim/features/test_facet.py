@@ -26,6 +26,7 @@ distance = make_signed_distance(NAMES)
 MESH = number_of("mesh")
 of_mesh, to_mesh = make_deepest(("mesh",)), make_signed_distance(("mesh",))
 STEP = 1.2e-3  # [m], twice the thickness of cotton
+FARTHEST = 10.0  # thickness [m] with which no distance is only bounded
 
 
 @wp.kernel
@@ -35,7 +36,7 @@ def look_at_mesh(
     """Of each facet: the distance told, and the least of points spread over it [m]."""
     k = wp.tid()
     facet = facets[k]
-    found[k, 0] = of_mesh(MESH, size, data, facet, wp.static(STEP), wp.vec3(0.0)).value
+    found[k, 0] = of_mesh(MESH, size, data, facet, wp.static(0.5 * STEP), wp.vec3(0.0)).value
     least = float(1.0e30)
     for i in range(steps + 1):
         for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
@@ -51,7 +52,7 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     facet = facets[k]
     found[k, 0] = distance(
         shape,
-        point_of(facet, deepest(shape, size, wp.uint64(0), facet, 0.01, wp.vec3(0.0)).weights),
+        point_of(facet, deepest(shape, size, wp.uint64(0), facet, wp.static(FARTHEST), wp.vec3(0.0)).weights),
         size,
         wp.uint64(0),
     )[3]

@@ -269,9 +269,10 @@ def _make_search(shapes: tuple[str, ...]):
 def make_deepest(shapes: tuple[str, ...]):
     """Return a Warp function: the Deepest point of a facet in a collider of `shapes`.
 
+    A facet farther than `thickness` [m] may be told a lower bound of its distance, of at least half the way from there.
     In a non-convex shape a few samples are compared, and then the part of the facet around the deepest is searched.
-    known: weights of a point that is taken instead; or 0. A facet that no sample shows within `step` [m] of the shape
-    has a lower bound of its distance, and weights 0.
+    known: weights of a point that is taken instead; or 0. There, one that no sample shows within STEP thicknesses has
+    weights 0.
     """
     width, search = make_width(shapes), _or_formula(_make_search(shapes), shapes)
     return search if width is None else _or_spread(search, shapes, width)
@@ -283,7 +284,7 @@ def _or_formula(search, shapes: tuple[str, ...]):
         return search
 
     @wp.func
-    def by_formula(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
+    def told(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         weights = formula(shape, facet.a, facet.b, facet.c)
         if wp.max(weights) == 0.0:
             return search(shape, size, data, facet, thickness, known)
@@ -296,7 +297,7 @@ def _or_formula(search, shapes: tuple[str, ...]):
         found.plane = tangent(p, surface)
         return found
 
-    return by_formula
+    return told
 
 
 def _or_spread(search, shapes: tuple[str, ...], width):
