@@ -8,7 +8,16 @@ so its tangents bound it from below (Kelley 1960).
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signed_distance, make_width
-from cloth_sim_ros.sim.features.collider_contact.facet import FAST, Deepest, Facet, back, longest_way, point_of, tangent
+from cloth_sim_ros.sim.features.collider_contact.facet import (
+    CORNER,
+    FAST,
+    Deepest,
+    Facet,
+    back,
+    longest_way,
+    point_of,
+    tangent,
+)
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE
 from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
@@ -241,8 +250,10 @@ def _make_search(shapes: tuple[str, ...]):
         while k < wp.static(_TANGENTS):
             point = facet.a + at[0] * p + at[1] * q
             surface = signed_distance(shape, point, size, data)
-            if surface[3] < best.value:
-                best.weights = wp.vec3(1.0 - at[0] - at[1], at[0], at[1])
+            weights = wp.vec3(1.0 - at[0] - at[1], at[0], at[1])
+            # Where all of it is as deep, it is so at a corner.
+            if surface[3] < best.value + wp.where(wp.max(weights) > CORNER, 0.1 * NOISE, 0.0):
+                best.weights = weights
                 best.value = surface[3]
             plane = tangent(point, surface)
             row = wp.vec3(wp.dot(xyz(surface), p), wp.dot(xyz(surface), q), 1.0)
@@ -254,7 +265,7 @@ def _make_search(shapes: tuple[str, ...]):
             bundle = within_sides(bundle, length)
             best.plane = wp.transpose(bundle.planes) * bundle.multipliers
             error = best.value - bundle.lowest[2]
-            if error <= NOISE:
+            if error <= NOISE and k > 0:
                 return best
             if error <= bundle.lowest[2] - thickness:  # farther off this is enough
                 best.value = bundle.lowest[2]
