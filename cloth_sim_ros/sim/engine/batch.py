@@ -30,6 +30,9 @@ from cloth_sim_ros.sim.features.tearing.arrays import LEFT
 from cloth_sim_ros.sim.features.twist.arrays import EndTurn
 from cloth_sim_ros.sim.features.winch.arrays import Drive, WinchState
 from cloth_sim_ros.sim.input.checks import WorldSelection, worlds_of
+from cloth_sim_ros.sim.kernels.compiled import loading
+from cloth_sim_ros.sim.substeps.control import control
+from cloth_sim_ros.sim.substeps.energy import find_energies
 from cloth_sim_ros.sim.topology import Topology
 
 
@@ -76,7 +79,8 @@ class Batch:
         # Bodies in step advance together, see engine/coupled_bodies.py.
         self.executor = None
         if not features.in_step:
-            self.executor = make_executor(features, self.worlds, self.counts, device, executor)
+            with loading(_measuring(features, max(self.counts), device), device):
+                self.executor = make_executor(features, self.worlds, self.counts, device, executor)
         self.saved = self.measurement = self.ledger = None
         if features.measured:
             second, block = features.order == 2, threads_of(max(self.counts), device)
@@ -300,6 +304,12 @@ class Batch:
         for array, row in (core | rows_by_array("FORGOTTEN")).items():
             for span in spans[row] if self.states[array].size else ():
                 writing.clear(self.states[array], span, chosen)
+
+
+def _measuring(features: Features, largest: int, device: wp.Device) -> dict[wp.Kernel, int]:
+    """Kernels that measure bodies of up to `largest` particles, one of each module, and the threads of their blocks."""
+    kernels = [control] * features.measured + [find_energies] * features.audited
+    return dict.fromkeys(kernels, threads_of(largest, device))
 
 
 def _with_own(model: Model, own: dict[str, wp.array]) -> Model:

@@ -4,7 +4,9 @@
 import functools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
@@ -27,6 +29,19 @@ def compiled(function: Callable | None = None, **options: Any) -> wp.Kernel | Ca
         return wp.kernel(function, module_options=OPTIONS, **options)
     wp.set_module_options(OPTIONS, options.get("module") or wp.get_module(function.__module__))
     return wp.kernel(function, **options)
+
+
+@contextmanager
+def loading(kernels: Mapping[wp.Kernel, int], device: wp.Device) -> Iterator[None]:
+    """Load the modules of kernels in a thread, beside what is done in the context; each has threads a block.
+
+    So two cores compile at a time.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        loads = [thread.submit(kernel.module.load, device, block) for kernel, block in kernels.items()]
+        yield
+        for load in loads:
+            load.result()
 
 
 class Compiler:
