@@ -197,6 +197,14 @@ def rate_of(change: wp.vec3, step: Step) -> wp.vec3:
 MOST_SPACINGS = wp.constant(0.25)
 
 
+@wp.func
+def shortest_beside(i: int, ctx: Context) -> float:
+    """Return the rest length of the shorter segment beside particle i of a rope [m]."""
+    first, last = ctx.body.segments, ctx.body.segments + ctx.body.count - 2
+    before, behind = wp.max(first + i - 1, first), wp.min(first + i, last)
+    return wp.min(ctx.model.segment_length[before], ctx.model.segment_length[behind])
+
+
 def make_finish(features: Features):
     """Return the stage that turns the displacement of particle i into its velocity and position."""
     smooth = SMOOTH_ROPE if features.chain else SMOOTH_SHEET
@@ -215,10 +223,10 @@ def make_finish(features: Features):
             if ctx.step.second:
                 base = carried(ctx.state.last_displacements[g])
             velocity = rate_of(displacement - base, ctx.step)
-            not_smooth = (
-                wp.length(displacement - ctx.state.last_displacements[g]) > wp.static(smooth) * ctx.body.spacing
-            )
-            if not_smooth:
+            departure, spacing = displacement - ctx.state.last_displacements[g], float(ctx.body.spacing)
+            if wp.static(features.chain):
+                spacing = shortest_beside(i, ctx)
+            if wp.length(departure) > wp.static(smooth) * spacing:
                 ctx.state.events[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
             before = xyz(load_row(ctx.state.velocities, g))
             if wp.static(features.panels != ""):
