@@ -25,9 +25,10 @@ LARGEST_TURN = wp.constant(0.09)
 SETTLED_SPEED = wp.constant(1.0e-3)
 
 # ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
-# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled.
+# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled; very
+# short segments beside long ones take up to 20, and gain energy after 8. CONTACT_STEPS: the same until contact is.
 ATTEMPTS = wp.constant(5)
-NEWTON_STEPS = wp.constant(8)
+NEWTON_STEPS, CONTACT_STEPS = wp.constant(32), wp.constant(8)
 
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
@@ -260,7 +261,8 @@ def make_solve(features: Features, threads: int):
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
             if wp.static(left_open is not None):
-                if steps < NEWTON_STEPS:
+                kinds = 0
+                if steps < CONTACT_STEPS:
                     kinds = left_open(t, steps, ctx)
                     again = again or kinds != 0
         note_steps(t, steps, ctx)
