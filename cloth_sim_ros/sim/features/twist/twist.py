@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twist along a rope between two clamps.
 
-At the start of a substep one thread computes the torsional moment. Its sideways forces go into the prediction, as the
-bending moments of the last substep do (see beam.py).
+At the start of a substep one thread computes the torsional moment. Its sideways forces are part of what the solve of the
+rope aims at.
 
 Twist is explicit beside an implicit bending stiffness EI. It is taken at the positions that order 2 extrapolates to (as
 in semi-implicit BDF2: Ascher, Ruuth, Wetton 1995). This is stable if M k^3 < EI k^4 + 4 mu / h^2 for every wave number
@@ -79,12 +79,13 @@ def push_of(i: int, m: Model, s: State, body: Body) -> wp.vec3:
 
 @wp.func
 def push_by_couples(i: int, ctx: Context):
-    """Add the effect of the couples around particle i to its prediction."""
+    """Add the effect of the couples around particle i to its prediction; its solve starts without it, see `falls`."""
     p = load4(ctx.d, i)
     if p[3] == 0.0:
         return
     move = (ctx.step.effective * ctx.step.effective * p[3]) * push_of(i, ctx.model, ctx.state, ctx.body)
     store4(ctx.d, i, p + wp.vec4(move[0], move[1], move[2], 0.0))
+    ctx.state.rope.falls[ctx.body.particles + i] += move
 
 
 def _make_twist_anew(tangent_at, tangent_before):
