@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Twist along a rope between two clamps.
 
-At the start of a substep one thread computes the torsional moment. Its sideways forces are part of what the solve of the
-rope aims at.
+At the start of a substep one thread computes the torsional moment. Its sideways forces are part of what the solve of
+the rope aims at.
 
 Twist is explicit beside an implicit bending stiffness EI. It is taken at the positions that order 2 extrapolates to (as
 in semi-implicit BDF2: Ascher, Ruuth, Wetton 1995). This is stable if M k^3 < EI k^4 + 4 mu / h^2 for every wave number
