@@ -24,6 +24,7 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, State, substeps_of
+from cloth_sim_ros.sim.features.motion import SMOOTH_ROPE, SMOOTH_SHEET
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, sync, xyz
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
@@ -69,10 +70,11 @@ def period_of(frame_dt: float) -> int:
 
 
 @wp.func
-def resample(g: int, longer: float, h: float, s: State):
+def resample(g: int, longer: float, h: float, s: State) -> float:
     """Rewrite the last displacement and velocity of particle g for substeps `longer` times as long as `h` [s].
 
     They are read off the cubic through both ends of the last substep, or off the parabola if that has to be continued.
+    Return how far the new displacement departs from that at constant speed [m].
     """
     v, before, d = xyz(load_row(s.velocities, g)), s.last_velocities[g], s.last_displacements[g]
     a = h * (before + 2.0 * v) - 3.0 * d
@@ -82,15 +84,19 @@ def resample(g: int, longer: float, h: float, s: State):
         b = wp.vec3(0.0)
     s.last_displacements[g] = longer * (h * v - longer * (a - longer * b))
     s.last_velocities[g] = v - (longer / h) * (2.0 * a - 3.0 * longer * b)
+    return wp.length(s.last_displacements[g] - longer * d)
 
 
 @wp.func
 def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
-    """Resample the history of body b from `old` to `new` substeps of a frame."""
+    """Resample the history of body b from `old` to `new` substeps of a frame; drop it where motion is not smooth."""
     if old != new:
         m = arrays.model.bodies[b]
+        most = wp.where(arrays.model.segment_length.shape[0] > 0, SMOOTH_ROPE, SMOOTH_SHEET) * m.spacing
+        longer, h = float(old) / float(new), arrays.frames[0].length / float(old)
         for i in range(t, m.count, width):
-            resample(m.particles + i, float(old) / float(new), arrays.frames[0].length / float(old), arrays.state)
+            if resample(m.particles + i, longer, h, arrays.state) > most:
+                arrays.state.history[b] = 0
 
 
 @wp.func
