@@ -88,22 +88,30 @@ def resample(g: int, longer: float, h: float, s: State) -> float:
 
 
 @wp.func
-def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
-    """Resample the history of body b from `old` to `new` substeps of a frame; drop it where motion is not smooth."""
+def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int) -> bool:
+    """Resample the history of body b from `old` to `new` substeps of a frame; return True if it jerks."""
+    jerks = bool(False)
     if old != new:
         m = arrays.model.bodies[b]
         most = wp.where(arrays.model.segment_length.shape[0] > 0, SMOOTH_ROPE, SMOOTH_SHEET) * m.spacing
         longer, h = float(old) / float(new), arrays.frames[0].length / float(old)
         for i in range(t, m.count, width):
-            if resample(m.particles + i, longer, h, arrays.state) > most:
-                arrays.state.history[b] = 0
+            jerks = resample(m.particles + i, longer, h, arrays.state) > most or jerks
+    return jerks
+
+
+@wp.func
+def resample_smooth(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
+    """Resample likewise, and drop a history that jerks: order 2 would carry it on, and gain energy."""
+    if resample_all(t, width, arrays, b, old, new):
+        arrays.state.history[b] = 0
 
 
 @wp.func
 def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int, second: int):
     """Let body b take `new` substeps of a frame from now on, with its history resampled if it is of second order."""
     if second > 0:
-        resample_all(t, width, arrays, b, old, new)
+        resample_smooth(t, width, arrays, b, old, new)
     sync()  # all threads have read what one will write
     if t == 0:
         arrays.state.control.substeps[b] = new
@@ -348,7 +356,7 @@ def control(
                 wanted[k] = -wp.min(int(MOST_GROWTH) * n, pays)  # trials are too coarse to tell the order
                 far[0] = 1
     if alone > 0 and second > 0:
-        resample_all(t, block, given[w], b, n, better)
+        resample_smooth(t, block, given[w], b, n, better)
 
 
 @compiled

@@ -23,6 +23,9 @@ from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
 _TANGENTS = 16  # the same in a triangle
+EQUAL = wp.constant(
+    1.0e-7
+)  # difference of depths that is rounding; of points as deep as one another a corner counts [m]
 # Least share of a constraint in another that may take its place.
 _PARALLEL = wp.constant(1.0e-6)
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
@@ -251,8 +254,7 @@ def _make_search(shapes: tuple[str, ...]):
             point = facet.a + at[0] * p + at[1] * q
             surface = signed_distance(shape, point, size, data)
             weights = wp.vec3(1.0 - at[0] - at[1], at[0], at[1])
-            # Where all of it is as deep, it is so at a corner.
-            if surface[3] < best.value + wp.where(wp.max(weights) > CORNER, 0.1 * NOISE, 0.0):
+            if surface[3] < best.value + wp.where(wp.max(weights) > CORNER, EQUAL, 0.0):
                 best.weights = weights
                 best.value = surface[3]
             plane = tangent(point, surface)
@@ -379,6 +381,8 @@ def make_balanced(shapes: tuple[str, ...]):
             start = wp.vec3(float(k == 0), float(k == 1), float(k == 2))
             way = wp.vec3(start[2], start[0], start[1]) - start
             side = along(shape, size, data, point_of(facet, start), point_of(facet, way))
+            if side.value < found.value + EQUAL and (side.at == 0.0 or side.at == 1.0):
+                return start + side.at * way
             depth = wp.max(thickness - side.value, 0.0)
             square = depth * depth
             sum += square * (start + side.at * way)
