@@ -47,8 +47,8 @@ class Press:
     last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
     lean.py. friction: of a rope the coefficients there. rounded: height by which a flat face is rounded there [m].
     stuck, anchor: while the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's
-    axes; all 0 if it slides. stops: shares of their displacements that the corners give up in substep `stopped`. load:
-    what a pinch adds along `normal` [kg m].
+    axes; all 0 if it slides. stops: shares of their displacements that the corners give up in substep `stopped`, along
+    `front` (in the collider's axes) or, if that is 0, of all. load: what a pinch adds along `normal` [kg m].
     """
 
     when: int
@@ -66,6 +66,7 @@ class Press:
     anchor: wp.vec3
     stopped: int
     stops: wp.vec3
+    front: wp.vec3
     load: float
 
 

@@ -34,6 +34,8 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, pack, store4, store_row,
 PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
 # Fractions of a facet's distance from a collider, and of its thickness, that no substep takes away.
 _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
+_ROUNDS = 3  # rounds in which a particle meets the planes of all its facets
+_STEEP = wp.constant(0.25)  # least squared gradient of a plane, below which a facet is between two sides
 
 
 @wp.func
@@ -63,7 +65,9 @@ def _make_given_up(shapes: tuple[str, ...]):
 
     @wp.func
     def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
-        """Return the shares; 0 if the facet does not pass through, or was inside before, as in a soft collider.
+        """Return the shares, and store the plane's gradient.
+
+        They are 0 if the facet does not pass through, or was inside before, as in a soft collider.
 
         A pressed facet stays in front of the plane in any case, even if others hold a corner back.
         """
@@ -99,6 +103,8 @@ def _make_given_up(shapes: tuple[str, ...]):
                 break
             left -= found.value / way
             count += 1
+        front = wp.where(hollow or wp.length_sq(xyz(plane)) < _STEEP, none, xyz(plane))
+        ctx.state.contact.presses[entry].front = front
         start, least = back(facet, 1.0), _least(apart, thickness)
         return wp.vec3(
             _given_up(start.a, facet.slip_a, plane, least),
@@ -142,8 +148,75 @@ def make_facet_clamp(features: Features):
     return stop
 
 
+@wp.func
+def _share_of(i: int, q: int, c: int, ctx: Context) -> float:
+    """Return the share of its displacement that particle i gives up for facet q and collider c."""
+    press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+    return wp.where(press.stopped == ctx.substep, press.stops[corner_in(q, i, ctx)], 0.0)
+
+
+@wp.func
+def _front_of(q: int, c: int, ctx: Context) -> wp.vec3:
+    """Return the gradient of the plane of facet q in the axes of collider c; 0 if all motion is given up."""
+    return ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].front
+
+
+@wp.func
+def _slip_by(i: int, c: int, ctx: Context) -> wp.vec3:
+    """Return the displacement of particle i relative to collider c, in world axes [m]."""
+    sweep = ctx.state.contact.sweeps[ctx.sweep + c]
+    return wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep)
+
+
+@wp.func
+def _kept_back(i: int, q: int, c: int, less: wp.vec3, ctx: Context) -> wp.vec3:
+    """Return the change `less` of a displacement [m], and what keeps particle i in front of the plane of facet q."""
+    share = _share_of(i, q, c, ctx)
+    if share == 0.0:
+        return less
+    front = wp.transpose(ctx.state.contact.sweeps[ctx.sweep + c].to_local) * _front_of(q, c, ctx)
+    lacks = -share * wp.dot(front, _slip_by(i, c, ctx)) - wp.dot(front, less)
+    return less + (wp.max(lacks, 0.0) / wp.max(wp.length_sq(front), _STEEP)) * front
+
+
+@wp.func
+def _largest_share(i: int, places: wp.vec2i, ctx: Context) -> wp.vec3:
+    """Return the largest share of particle i, the number of its collider, and the largest one of all motion."""
+    found = wp.vec3(0.0)
+    for place in range(places[0], places[1]):
+        q = ctx.model.particle_panels[place]
+        for c in range(ctx.colliders.shape[0]):
+            share = _share_of(i, q, c, ctx)
+            if share > found[0]:
+                found[0] = share
+                found[1] = float(c)
+            if (
+                share > found[2]
+                and wp.length_sq(ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].front) == 0.0
+            ):
+                found[2] = share
+    return found
+
+
+@wp.func
+def _given_up_by(i: int, places: wp.vec2i, largest: wp.vec3, ctx: Context) -> wp.vec3:
+    """Return the change of the displacement of particle i [m]."""
+    slip = _slip_by(i, int(largest[1]), ctx)
+    less, before = -largest[2] * slip, wp.vec3(0.0)
+    for _k in range(_ROUNDS):
+        before = less
+        for place in range(places[0], places[1]):
+            for c in range(ctx.colliders.shape[0]):
+                less = _kept_back(i, ctx.model.particle_panels[place], c, less, ctx)
+    return wp.where(wp.length(less - before) > NOISE, -largest[0] * slip, less)
+
+
 def make_give_up_way(features: Features):
-    """Return the stage after it: particle i gives up the largest share that any of its facets has found."""
+    """Return the stage after it: particle i gives up what its facets have found.
+
+    In front of a plane it gives up motion along the normal alone, or cloth would not slide over an edge. Several planes
+    are met one after another. If they are not met after _ROUNDS, it gives up its largest share of all motion.
+    """
 
     @wp.func
     def stay(i: int, met: Met, ctx: Context):
@@ -153,19 +226,12 @@ def make_give_up_way(features: Features):
         ctx.state.contact.pressed[met.slot] = 0
         if marks & STOPS == 0 or load4(ctx.d, i)[3] == 0.0:
             return
-        colliders, most, of = ctx.colliders.shape[0], float(0.0), int(0)
-        for place in range(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1]):
-            q = ctx.model.particle_panels[place]
-            corner = corner_in(q, i, ctx)
-            for c in range(colliders):
-                press = ctx.state.contact.presses[q * colliders + c]
-                if press.stopped == ctx.substep and press.stops[corner] > most:
-                    most, of = press.stops[corner], c
-        sweep, packed = ctx.state.contact.sweeps[ctx.sweep + of], load4(ctx.d, i)
-        less = -most * (wp.transpose(sweep.to_local) * slip_of_particle(i, ctx, sweep))
+        places = wp.vec2i(ctx.model.panel_start[met.slot], ctx.model.panel_start[met.slot + 1])
+        largest, packed = _largest_share(i, places, ctx), load4(ctx.d, i)
+        less = _given_up_by(i, places, largest, ctx)
         moved = xyz(packed) + less
         store4(ctx.d, i, pack(moved, packed[3]))
-        add_force(met.slot * colliders + of, (met.share / packed[3]) * less, ctx)
+        add_force(met.slot * ctx.colliders.shape[0] + int(largest[1]), (met.share / packed[3]) * less, ctx)
         if wp.static(features.order == 2):
             # BDF2 carries the past displacement on. Setting it to the new one keeps the particle from bouncing.
             moved -= xyz(load4(ctx.position_lo, i))
