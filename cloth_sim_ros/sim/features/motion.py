@@ -180,7 +180,7 @@ def make_predict(features: Features):
 # Largest departure of a substep from the last displacement, as a fraction of the spacing. A stroke of a collider or a
 # stretched start exceeds it. The next substep is then implicit Euler, which is stable after any past, instead of BDF2.
 # Hems of swinging towels depart by a tenth. A rope after a wild start trembles on its winch beyond a twentieth.
-SMOOTH_SHEET, SMOOTH_ROPE = wp.constant(0.2), wp.constant(0.05)
+SMOOTH_SHEET, SMOOTH_ROPE = 0.2, 0.05
 
 
 @wp.func

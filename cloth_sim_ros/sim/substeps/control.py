@@ -24,7 +24,6 @@ from typing import Any
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.state import Arrays, State, substeps_of
-from cloth_sim_ros.sim.features.motion import SMOOTH_ROPE, SMOOTH_SHEET
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_row, sync, xyz
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
@@ -70,11 +69,10 @@ def period_of(frame_dt: float) -> int:
 
 
 @wp.func
-def resample(g: int, longer: float, h: float, s: State) -> float:
+def resample(g: int, longer: float, h: float, s: State):
     """Rewrite the last displacement and velocity of particle g for substeps `longer` times as long as `h` [s].
 
     They are read off the cubic through both ends of the last substep, or off the parabola if that has to be continued.
-    Return how far the new displacement departs from that at constant speed [m].
     """
     v, before, d = xyz(load_row(s.velocities, g)), s.last_velocities[g], s.last_displacements[g]
     a = h * (before + 2.0 * v) - 3.0 * d
@@ -84,37 +82,28 @@ def resample(g: int, longer: float, h: float, s: State) -> float:
         b = wp.vec3(0.0)
     s.last_displacements[g] = longer * (h * v - longer * (a - longer * b))
     s.last_velocities[g] = v - (longer / h) * (2.0 * a - 3.0 * longer * b)
-    return wp.length(s.last_displacements[g] - longer * d)
 
 
 @wp.func
-def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int) -> bool:
-    """Resample the history of body b from `old` to `new` substeps of a frame; return True if it jerks."""
-    jerks = bool(False)
+def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
+    """Resample the history of body b from `old` to `new` substeps of a frame."""
     if old != new:
         m = arrays.model.bodies[b]
-        most = wp.where(arrays.model.segment_length.shape[0] > 0, SMOOTH_ROPE, SMOOTH_SHEET) * m.spacing
-        longer, h = float(old) / float(new), arrays.frames[0].length / float(old)
         for i in range(t, m.count, width):
-            jerks = resample(m.particles + i, longer, h, arrays.state) > most or jerks
-    return jerks
-
-
-@wp.func
-def resample_smooth(t: int, width: int, arrays: Arrays, b: int, old: int, new: int):
-    """Resample likewise, and drop a history that jerks: order 2 would carry it on, and gain energy."""
-    if resample_all(t, width, arrays, b, old, new):
-        arrays.state.history[b] = 0
+            resample(m.particles + i, float(old) / float(new), arrays.frames[0].length / float(old), arrays.state)
 
 
 @wp.func
 def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int, second: int):
     """Let body b take `new` substeps of a frame from now on, with its history resampled if it is of second order."""
     if second > 0:
-        resample_smooth(t, width, arrays, b, old, new)
+        resample_all(t, width, arrays, b, old, new)
     sync()  # all threads have read what one will write
     if t == 0:
         arrays.state.control.substeps[b] = new
+        # What a rope did before a frame that is far too coarse is no guide: carried on, it gains energy.
+        if old != new and arrays.model.segment_length.shape[0] > 0:
+            arrays.state.history[b] = 0
 
 
 @wp.func
@@ -356,7 +345,7 @@ def control(
                 wanted[k] = -wp.min(int(MOST_GROWTH) * n, pays)  # trials are too coarse to tell the order
                 far[0] = 1
     if alone > 0 and second > 0:
-        resample_smooth(t, block, given[w], b, n, better)
+        resample_all(t, block, given[w], b, n, better)
 
 
 @compiled

@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row,
 from cloth_sim_ros.sim.lines.membrane import coupled_length
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.physics.plate import rest_curvature
-from cloth_sim_ros.sim.substeps.control import resample_smooth, total
+from cloth_sim_ros.sim.substeps.control import resample_all, total
 
 FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards the energy in a frame
 FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
@@ -270,7 +270,7 @@ def change_factor(t: int, width: int, a: Arrays, b: int, factor: int):
     after = before / wp.max(1, a.state.control.factors[b]) * wp.max(1, factor)
     sync()  # all threads have read what one will write
     if a.state.last_displacements.shape[0] > 0:
-        resample_smooth(t, width, a, b, before, after)
+        resample_all(t, width, a, b, before, after)
     if t == 0:
         a.state.control.factors[b] = factor
 

@@ -255,6 +255,21 @@ def test_a_towel_that_slides_over_a_box_takes_the_substeps_that_it_takes_on_a_pl
     assert taken[1] >= 0.9 * taken[0]
 
 
+@pytest.mark.parametrize("substeps", [0, 20])
+@pytest.mark.parametrize("speed", [0.3, 1.0])
+def test_a_towel_slides_over_the_edge_of_a_table_as_friction_lets_it(device, speed, substeps):
+    """The way along the table had been given up with the way into its side: the edge stopped what had no friction."""
+    smooth = {"static_friction": 0.0, "kinetic_friction": 0.0}
+    cloth = Cloth.of("cotton", resolution=(10, 10), size=(0.3, 0.3), position=(0, 0.33, 0.001), pins=None, **smooth)
+    table = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), **smooth)
+    sim = Simulation(Scene({"it": cloth}, {"table": table}), Settings(substeps=substeps, sleep=False), device)
+    sim.set_velocities("it", np.tile(np.float32([0.0, speed, 0.0]), (100, 1)))
+    start = sim.positions("it")[:, 1].mean()
+    frames = round(0.06 / speed * 60)  # two of ten rows come beyond the edge
+    sim.step(frames)
+    assert sim.positions("it")[:, 1].mean() - start == pytest.approx(speed * frames / 60, rel=0.02)
+
+
 def test_a_sheet_that_bounces_on_a_ball_gains_no_energy(device):
     """What presses facets is no force that BDF2 may carry on: they would leave the ball faster than they came."""
     sheet = Cloth(resolution=(8, 8), pins="none", position=(0, 0, 0.3))

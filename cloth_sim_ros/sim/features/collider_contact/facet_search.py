@@ -381,8 +381,6 @@ def make_balanced(shapes: tuple[str, ...]):
             start = wp.vec3(float(k == 0), float(k == 1), float(k == 2))
             way = wp.vec3(start[2], start[0], start[1]) - start
             side = along(shape, size, data, point_of(facet, start), point_of(facet, way))
-            if side.value < found.value + EQUAL and (side.at == 0.0 or side.at == 1.0):
-                return start + side.at * way
             depth = wp.max(thickness - side.value, 0.0)
             square = depth * depth
             sum += square * (start + side.at * way)
