@@ -35,6 +35,7 @@ PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
 # Fractions of a facet's distance from a collider, and of its thickness, that no substep takes away.
 _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
 _ROUNDS = 3  # rounds in which a particle meets the planes of all its facets
+_HIT = wp.constant(0.5)  # share of its way into a plane above which a facet is hit, and gives up all of its motion
 _STEEP = wp.constant(0.25)  # least squared gradient of a plane, below which a facet is between two sides
 
 
@@ -103,7 +104,10 @@ def _make_given_up(shapes: tuple[str, ...]):
                 break
             left -= found.value / way
             count += 1
-        front = wp.where(hollow or wp.length_sq(xyz(plane)) < _STEEP, none, xyz(plane))
+        front = xyz(plane)
+        into = -wp.min(wp.vec3(wp.dot(front, facet.slip_a), wp.dot(front, facet.slip_b), wp.dot(front, facet.slip_c)))
+        if hollow or wp.length_sq(front) < _STEEP or into > _HIT * way:
+            front = none
         ctx.state.contact.presses[entry].front = front
         start, least = back(facet, 1.0), _least(apart, thickness)
         return wp.vec3(
@@ -214,8 +218,8 @@ def _given_up_by(i: int, places: wp.vec2i, largest: wp.vec3, ctx: Context) -> wp
 def make_give_up_way(features: Features):
     """Return the stage after it: particle i gives up what its facets have found.
 
-    In front of a plane it gives up motion along the normal alone, or cloth would not slide over an edge. Several planes
-    are met one after another. If they are not met after _ROUNDS, it gives up its largest share of all motion.
+    What slides along a plane gives up motion along the normal alone, or cloth would not slide over an edge. Several
+    planes are met one after another. If they are not met after _ROUNDS, it gives up its largest share of all motion.
     """
 
     @wp.func
