@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from fixed_settings import fixed
 from surfaces import outside_box, points_of
 
-from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Box, Capsule, Cloth, Handle, Mesh, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.study.throws import drawn, is_above, throw
 
 SMOOTH = {"static_friction": 0.0, "kinetic_friction": 0.0}
@@ -255,13 +256,21 @@ def test_a_towel_that_slides_over_a_box_takes_the_substeps_that_it_takes_on_a_pl
     assert taken[1] >= 0.9 * taken[0]
 
 
+def in_two_parts(**friction):
+    """The table below as a mesh with a box beside it, so that it is not convex."""
+    table, beside = trimesh.creation.box(extents=(1, 1, 0.1)), trimesh.creation.box(extents=(0.1, 0.1, 0.1))
+    both = trimesh.util.concatenate([table, beside.apply_translation((0.8, 0, 0))]).subdivide()
+    return Mesh(both.vertices, both.faces, position=(0, 0, -0.05), **friction)
+
+
 @pytest.mark.parametrize("substeps", [0, 20])
-@pytest.mark.parametrize("speed", [0.3, 1.0])
-def test_a_towel_slides_over_the_edge_of_a_table_as_friction_lets_it(device, speed, substeps):
+@pytest.mark.parametrize(("speed", "is_mesh"), [(0.3, False), (1.0, False), (1.0, True)])
+def test_a_towel_slides_over_the_edge_of_a_table_as_friction_lets_it(device, speed, is_mesh, substeps):
     """The way along the table had been given up with the way into its side: the edge stopped what had no friction."""
     smooth = {"static_friction": 0.0, "kinetic_friction": 0.0}
     cloth = Cloth.of("cotton", resolution=(10, 10), size=(0.3, 0.3), position=(0, 0.33, 0.001), pins=None, **smooth)
-    table = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), **smooth)
+    box = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), **smooth)
+    table = in_two_parts(**smooth) if is_mesh else box
     sim = Simulation(Scene({"it": cloth}, {"table": table}), Settings(substeps=substeps, sleep=False), device)
     sim.set_velocities("it", np.tile(np.float32([0.0, speed, 0.0]), (100, 1)))
     start = sim.positions("it")[:, 1].mean()

@@ -23,11 +23,8 @@ from cloth_sim_ros.sim.kernels.intrinsics import xyz
 
 _CUTS = 8  # largest number of evaluations between the ends of a line
 _TANGENTS = 16  # the same in a triangle
-EQUAL = wp.constant(
-    1.0e-7
-)  # difference of depths that is rounding; of points as deep as one another a corner counts [m]
-# Least share of a constraint in another that may take its place.
-_PARALLEL = wp.constant(1.0e-6)
+_EQUAL = wp.constant(1.0e-7)  # difference of depths that is rounding; then a corner counts [m]
+_PARALLEL = wp.constant(1.0e-6)  # least share of a constraint in another that may take its place
 # Steps along each side of a facet for samples in non-convex shapes. They are no wider than what these are made of.
 _FEWEST, _MOST = 3, 8
 _AROUND = 1.5  # size of the part of a facet around the deepest of them that is searched, in such steps
@@ -254,7 +251,7 @@ def _make_search(shapes: tuple[str, ...]):
             point = facet.a + at[0] * p + at[1] * q
             surface = signed_distance(shape, point, size, data)
             weights = wp.vec3(1.0 - at[0] - at[1], at[0], at[1])
-            if surface[3] < best.value + wp.where(wp.max(weights) > CORNER, EQUAL, 0.0):
+            if surface[3] < best.value + wp.where(wp.max(weights) > CORNER, _EQUAL, 0.0):
                 best.weights = weights
                 best.value = surface[3]
             plane = tangent(point, surface)
