@@ -35,9 +35,10 @@ PRESSED, MOVED, STOPS = wp.constant(1), wp.constant(2), wp.constant(4)
 # Fractions of a facet's distance from a collider, and of its thickness, that no substep takes away.
 _LEFT, _LEAST = wp.constant(0.1), wp.constant(0.1)
 _ROUNDS = 3  # rounds in which a particle meets the planes of all its facets
-# Shares of its way into a plane above which a facet is hit, and gives up all of its motion. On a collider that is not
-# convex it may slide on into another part. With 0.5, two of 120 of those that are thrown pass.
-_HIT, _HIT_HOLLOW = wp.constant(0.5), wp.constant(0.1)
+# A facet is hit, and gives up all of its motion, if it moves into a plane by more than the thickness. On a collider
+# that is not convex it may slide on into another part. There this share of its way is enough; with half, two of 120 of
+# those that are thrown pass.
+_HIT_HOLLOW = wp.constant(0.1)
 _STEEP = wp.constant(0.25)  # least squared gradient of a plane, below which a facet is between two sides
 
 
@@ -108,7 +109,7 @@ def _make_given_up(shapes: tuple[str, ...]):
             count += 1
         front = xyz(plane)
         into = -wp.min(wp.vec3(wp.dot(front, facet.slip_a), wp.dot(front, facet.slip_b), wp.dot(front, facet.slip_c)))
-        if wp.length_sq(front) < _STEEP or into > wp.where(hollow, _HIT_HOLLOW, _HIT) * way:
+        if wp.length_sq(front) < _STEEP or into > wp.where(hollow, _HIT_HOLLOW * way, thickness):
             front = none
         ctx.state.contact.presses[entry].front = front
         start, least = back(facet, 1.0), _least(apart, thickness)
