@@ -63,9 +63,8 @@ def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> fl
     return wp.where(goes > has, 1.0 - has / wp.max(goes, 1.0e-30), 0.0)
 
 
-def _make_given_up(features: Features):
+def _make_given_up(shapes: tuple[str, ...]):
     """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
-    shapes = features.shapes
     deepest, width, lowest = make_deepest(shapes), make_width(shapes), make_least(shapes)
 
     @wp.func
@@ -110,12 +109,7 @@ def _make_given_up(features: Features):
             count += 1
         front = xyz(plane)
         into = -wp.min(wp.vec3(wp.dot(front, facet.slip_a), wp.dot(front, facet.slip_b), wp.dot(front, facet.slip_c)))
-        # A seam moves corners on, so what is sewn gives up all of its motion.
-        if (
-            wp.static(features.sewn)
-            or wp.length_sq(front) < _STEEP
-            or into > wp.where(hollow, _HIT_HOLLOW * way, thickness)
-        ):
+        if wp.length_sq(front) < _STEEP or into > wp.where(hollow, _HIT_HOLLOW * way, thickness):
             front = none
         ctx.state.contact.presses[entry].front = front
         start, least = back(facet, 1.0), _least(apart, thickness)
@@ -133,7 +127,7 @@ def make_facet_clamp(features: Features):
 
     Thread t of `width` does its share.
     """
-    given_up, near_of = _make_given_up(features), make_near_of(features.listed)
+    given_up, near_of = _make_given_up(features.shapes), make_near_of(features.listed)
 
     @wp.func
     def stop(t: int, width: int, ctx: Context):
