@@ -197,10 +197,7 @@ def _largest_share(i: int, places: wp.vec2i, ctx: Context) -> wp.vec3:
             if share > found[0]:
                 found[0] = share
                 found[1] = float(c)
-            if (
-                share > found[2]
-                and wp.length_sq(ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].front) == 0.0
-            ):
+            if share > found[2] and wp.length_sq(_front_of(q, c, ctx)) == 0.0:
                 found[2] = share
     return found
 
