@@ -2,7 +2,8 @@
 // Move the particles, and keep the tensions and moments. These come from the solve in double precision. The positions
 // that float32 rounds would give other ones.
 for (int k = first + t; k < count - 1; k += threads) {
-    tensions.data[segments + k] = (float)(row(k)[PULLED] * inverse_square);
+    float& tension = tensions.data[segments + k];
+    tension += share * ((float)(row(k)[PULLED] * inverse_square) - tension);
     if (!bends || k > count - 3) continue;
     const double *at = row(k), *one = row(k) + MOVE, *two = row(k + 1) + MOVE, *three = row(k + 2) + MOVE;
     double turned[3], along = 0.0;
@@ -13,10 +14,11 @@ for (int k = first + t; k < count - 1; k += threads) {
     const double more = at[SHARE] < 1.0 ? (1.0 - at[SHARE]) * along : 0.0;
     for (int c = 0; c < 3; ++c) {
         const double change = at[STIFF] * (at[SHARE] * turned[c] + more * at[BEND + c]);
-        moments.data[segments + k][c] = (float)((at[MOMENT + c] + change) * inverse_square);
+        float& moment = moments.data[segments + k][c];
+        moment += share * ((float)((at[MOMENT + c] + change) * inverse_square) - moment);
     }
 }
 struct Place { float v[4]; };
 for (int i = first + t; i < count; i += threads) {
-    for (int c = 0; c < 3; ++c) ((Place*)d)[i].v[c] += (float)row(i)[MOVE + c];
+    for (int c = 0; c < 3; ++c) ((Place*)d)[i].v[c] += share * (float)row(i)[MOVE + c];
 }

@@ -144,6 +144,7 @@ def move(
     moments: wp.array(dtype=wp.vec3),
     scratch: wp.array(dtype=wp.float64),
     inverse_square: float,
+    share: float,
 ):
-    """Move the particles, and store the tensions and moments."""
+    """Move the particles by a `share` of their moves, and store the tensions and moments."""
     ...

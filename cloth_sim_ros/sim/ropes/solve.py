@@ -26,9 +26,10 @@ SETTLED_SPEED = wp.constant(1.0e-3)
 
 # ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
 # stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all is settled; very
-# short segments beside long ones take up to 20, and gain energy after 8. CONTACT_STEPS: the same until contact is.
+# short segments beside long ones take up to 20, and gain energy after 8. Beyond WHOLE_STEPS half of a step is taken, as
+# steps go to and fro between two shapes by then. CONTACT_STEPS: largest number until contact is settled.
 ATTEMPTS = wp.constant(5)
-NEWTON_STEPS, CONTACT_STEPS = wp.constant(32), wp.constant(8)
+NEWTON_STEPS, WHOLE_STEPS, CONTACT_STEPS = wp.constant(32), wp.constant(20), wp.constant(8)
 
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
@@ -214,7 +215,7 @@ def _make_newton_step(features: Features, threads: int):
     beam, ready, attempt = features.beam, _make_ready(features, threads), _make_attempt(features, threads)
 
     @wp.func
-    def newton_step(t: int, first: int, ctx: Context) -> int:
+    def newton_step(t: int, first: int, share: float, ctx: Context) -> int:
         ready(t, first, ctx)
         sync()
         events, count = int(TOO_FAR), int(0)
@@ -235,6 +236,7 @@ def _make_newton_step(features: Features, threads: int):
             ctx.state.rope.moments,
             ctx.state.rope.scratch,
             ctx.step.inverse_square,
+            share,
         )
         return events
 
@@ -256,7 +258,7 @@ def make_solve(features: Features, threads: int):
         while again:
             if wp.static(lean_all is not None):
                 lean_all(t, kinds, steps, ctx)
-            events = newton_step(t, first, ctx)
+            events = newton_step(t, first, wp.where(steps < WHOLE_STEPS, 1.0, 0.5), ctx)
             overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS

@@ -33,10 +33,13 @@ def most_gained(sim):
     return most / (GRAVITY * mass.sum())
 
 
-@pytest.mark.parametrize(("ratio", "substeps", "seed"), [(100.0, 20, 3), (1000.0, 5, 12), (1000.0, 10, 11)])
+UNEVEN = [(100.0, 20, 3), (1000.0, 5, 12), (1000.0, 10, 11), (1000.0, 20, 2)]
+
+
+@pytest.mark.parametrize(("ratio", "substeps", "seed"), UNEVEN)
 @pytest.mark.parametrize("order", [1, 2])
 def test_what_is_let_go_at_rest_gains_no_energy(device, ratio, substeps, seed, order):
-    """With eight Newton steps, or second order where the mean segment moves smoothly, 16 and 70 % are gained."""
+    """It fails with eight Newton steps, without half steps, or with order 2 where only the mean segment is smooth."""
     settings = Settings(substeps=substeps, order=order, sleep=False)
     assert most_gained(Simulation(Scene({"it": bent(ratio, seed)}), settings, device)) < 1e-3
 
