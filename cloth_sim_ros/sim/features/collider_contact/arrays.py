@@ -46,9 +46,10 @@ class Press:
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the
     last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
     lean.py. friction: of a rope the coefficients there. rounded: height by which a flat face is rounded there [m].
-    stuck, anchor: while the facet sticks, the point with weights `stuck` is held at `anchor` [m], in the collider's
-    axes; all 0 if it slides. stops: shares of their displacements that the corners give up in substep `stopped`, along
-    `front` (in the collider's axes) or, if that is 0, of all. load: what a pinch adds along `normal` [kg m].
+    stuck, anchor: friction pulls the point with weights `stuck` to `anchor` [m], in the collider's axes. slides: 1 if
+    it is at its limit; the anchor then follows at the distance that is left. stops: shares of their displacements that
+    the corners give up in substep `stopped`, along `front` (in the collider's axes) or, if that is 0, of all. load:
+    what a pinch adds along `normal` [kg m].
     """
 
     when: int
@@ -63,6 +64,7 @@ class Press:
     friction: wp.vec2
     rounded: float
     stuck: wp.vec3
+    slides: int
     anchor: wp.vec3
     stopped: int
     stops: wp.vec3

@@ -99,8 +99,10 @@ def points_of(corners: wp.vec3i, ctx: Context) -> float:
 def _make_rubbed(leans: bool):
     """Return a Warp function: the Press with its friction; `so_far` has the corrections before, and the pressure now.
 
-    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep. n,
-    and the friction that is returned, are in the collider's axes.
+    A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep. Its
+    corners share their mass with other facets, so one substep does not bring it back. What is left counts on while it
+    slides (return mapping, Simo and Hughes 1998, ch. 1); else friction would act as a part of Coulomb's. n, and the
+    friction that is returned, are in the collider's axes.
     """
 
     @wp.func
@@ -111,9 +113,12 @@ def _make_rubbed(leans: bool):
         before, pressed = xyz(press.so_far), press.so_far[3]
         found.stuck = last.stuck
         found.anchor = last.anchor
-        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
+        left, is_new = wp.vec3(0.0), last.when < ctx.substep - 1
+        if is_new or last.slides == 1:
+            if not is_new:
+                left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
             found.stuck = press.weights
-            found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights)
+            found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights) - left
         # Friction acts at the point where the slip is measured.
         found.rubbed = found.stuck
         w = yielding(corners, found.rubbed, ctx)
@@ -127,7 +132,8 @@ def _make_rubbed(leans: bool):
         rubbed_before = w * (before - wp.dot(before, n) * n)
         rub = friction_correction(slid, rubbed_before, w * pressed, friction[0], friction[1])
         if wp.length_sq(rub - (rubbed_before - slid)) > 0.0:
-            found.stuck = wp.vec3(0.0)
+            found.anchor += slid + moves * (rub - rubbed_before)
+            found.slides = 1
         found.rub = (moves / w) * (rub - rubbed_before)
         found.so_far = pack(rub / w, pressed)
         return found
