@@ -65,6 +65,48 @@ def test_sheets_rub_by_the_geometric_mean_of_their_friction(device, settings):
         assert moved == pytest.approx(wanted, rel=0.1, abs=2e-4)
 
 
+@pytest.mark.parametrize("substeps", [10, 20])
+@pytest.mark.parametrize(("count", "mu"), [(9, 0.0), (2, 0.0), (9, 0.2)])
+def test_a_sheet_slides_down_another_as_down_a_plane(device, count, mu, substeps):
+    """Each triangle beside its way had held a particle back: 3 to 20 % of the speed was lost."""
+    angle, way = 0.3, np.float32([0.0, -np.cos(0.3), -np.sin(0.3)])
+    turn, up = (np.sin(0.5 * angle), 0, 0, np.cos(0.5 * angle)), np.array([0.0, -np.sin(angle), np.cos(angle)])
+    rubs = {"orientation": turn, "thickness": 0.002, "static_friction": mu, "kinetic_friction": mu}
+    slope = Cloth(resolution=(17, 17), size=(1, 1), pins=tuple(range(289)), **rubs)
+    towel = Cloth(
+        resolution=(count, count), size=(0.25, 0.25), pins=None, position=tuple(0.004 * up), damping=0.01, **rubs
+    )
+    scene = Scene({"slope": slope, "towel": towel}, object_contact=True)
+    sim = Simulation(scene, Settings(substeps=substeps, sleep=False), device)
+    sim.step(30)
+    speed = (sim.velocities("towel") @ way).mean()
+    assert speed == pytest.approx(0.5 * GRAVITY * (np.sin(angle) - mu * np.cos(angle)), rel=0.01)
+
+
+@pytest.mark.parametrize(("seed", "substeps"), [(3, 10), (15, 10), (18, 0), (34, 0)])
+def test_towels_that_are_thrown_on_a_hung_one_never_cross(device, seed, substeps):
+    """Edges 2 micrometres apart had crossed, and what began to move while trial frames had other substeps."""
+    random, fabrics = np.random.default_rng(seed), ("cotton", "silk", "denim")
+
+    def named(k, count, side, **more):
+        return Cloth.of(fabrics[k % 3], resolution=(count, count), size=(side, side), self_contact=True, **more)
+
+    objects = {"hung": named(seed, 16, 0.5, position=(0, 0, 0.5), pins=(0, 15, 240, 255))}
+    for k in range(2):
+        place = (random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), 0.8 + 0.35 * k)
+        turn = random.normal(size=4)
+        turn = tuple(turn / np.linalg.norm(turn))
+        objects[f"thrown{k}"] = named(seed + k + 1, 12, 0.3, position=place, orientation=turn, pins=None)
+    scene = Scene(objects, object_contact=True)
+    sim = Simulation(scene, Settings(substeps=substeps, sleep=False), device)
+    for k in range(2):
+        speed = random.normal(size=3) * (1.0, 1.0, 0.5) - (0.0, 0.0, 2.0)
+        sim.set_velocities(f"thrown{k}", np.tile(np.float32(speed), (144, 1)))
+    for _ in range(15):
+        sim.step(4)
+        assert not any(each["crossings"] for each in sim.report().values())
+
+
 @pytest.mark.long
 def test_the_parts_of_a_cut_sheet_slide_apart_on_another(device):
     """Without friction, at the velocity that each was given, and as high above what they lie on as before."""

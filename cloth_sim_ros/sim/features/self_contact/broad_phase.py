@@ -55,7 +55,7 @@ def _watch(members: Members, pairs: Pairs, p: int, w: int, ends: bool):
     surface = members.surfaces[panel.surface]
     dt = dt_of(surface)
     time = float(pairs.clock[AGE]) * dt
-    if has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
+    if dt != pairs.step[0] or has_failed(panel) != pairs.failed[w * members.panels.shape[0] + p]:
         pairs.clock[HOLDS] = 0
         pairs.clock[DUE] = 1
     for q in range(3):
@@ -109,6 +109,8 @@ def _look(members: Members, pairs: Pairs, ends: bool, number: int, group: Cooper
         for p in range(t, members.panels.shape[0], group.width):
             _watch(members, pairs, p, w, ends)
     sync_all(group)
+    if number == 0:
+        pairs.step[0] = dt_of(members.surfaces[0])
     for w in range(team, members.worlds, group.teams):
         for p in range(t, members.panels.shape[0], group.width):
             _mark(members, pairs, p, w)

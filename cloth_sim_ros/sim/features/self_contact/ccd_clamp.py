@@ -22,6 +22,7 @@ ROUNDS = 64  # largest number of rounds: a particle that stops may block others;
 _ROUNDING = wp.constant(1.0e-6)  # rounding error as a fraction of a displacement
 _SPEED = wp.constant(wp.int64(1 << 24))  # integer units per m/s in sums of velocities
 _LEFT = wp.constant(0.1)  # fraction of the distance of two parts that no substep takes away
+_PARALLEL = wp.constant(0.01)  # sine of the angle of two edges below which they count as parallel
 _LEAST = wp.constant(0.05)  # smallest distance of two parts, as a fraction of the distance that they are kept apart
 
 
@@ -74,6 +75,21 @@ def _from(members: Members, pair: Pair, q: int) -> wp.vec3:
 
 
 @wp.func
+def _direction(is_corner: bool, m: wp.vec4, b: wp.vec3, c: wp.vec3, d: wp.vec3, line: wp.vec3) -> wp.vec3:
+    """Return the direction of `line`, from the second part to the first; m: weights of the nearest points.
+
+    Inside both parts it is normal to them, and that is what it is computed from. Float32 loses the direction of a line
+    of micrometres: its plane would then cut the parts themselves.
+    """
+    along, across = wp.where(is_corner, c - b, b), d - wp.where(is_corner, b, c)
+    n = wp.cross(along, across)
+    inside = wp.min(wp.min(wp.abs(m[0]), wp.abs(m[1])), wp.min(wp.abs(m[2]), wp.abs(m[3]))) > 0.0
+    if inside and wp.length(n) > _PARALLEL * wp.length(along) * wp.length(across):
+        return wp.where(wp.dot(n, line) < 0.0, -1.0, 1.0) * wp.normalize(n)
+    return wp.normalize(line)
+
+
+@wp.func
 def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round: int):
     """Ask a particle to go no further than `room` [m]."""
     d = load_row(surface.displacements, i)
@@ -108,7 +124,7 @@ def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int
         b, c, d = _from(members, pair, 1), _from(members, pair, 2), _from(members, pair, 3)
         m = nearest(is_corner, wp.vec3(0.0), b, c, d).weights
         line = m[1] * b + m[2] * c + m[3] * d
-        apart, n = wp.length(line), wp.normalize(line)
+        apart, n = wp.length(line), _direction(is_corner, m, b, c, d, line)
         if apart < NOISE:
             continue
         left = wp.max(wp.static(_LEFT) * apart, wp.static(_LEAST) * pairs.kept[w, k])

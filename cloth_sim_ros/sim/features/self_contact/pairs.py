@@ -50,11 +50,12 @@ class Pairs:
     kept: distance that parts are kept apart [m]. starts: lower bound of their distance when the substep began [m].
     rooms: margin of their distance over CLOSE times `kept`, along their paths [m].
 
-    clock: (6,) see above. ways: paths of all panels of all worlds. ranges: how far panels go in this substep [m].
-    off: largest distance of their corners from their paths [m]. astray: True if a panel needs a search for that.
-    failed: True if a panel is torn. balls, drifts: center and radius of the ball around a panel and all that it may
-    touch, and the displacement of that ball [m]. sums: (W, 4) sum of all velocities when the frame began, in integers,
-    and 1 if a particle is pinned. rounds: (64,) 1 if the clamp shortened a displacement in that round.
+    clock: (6,) see above. step: length of the substeps that it counts [s]. ways: paths of all panels of all worlds.
+    ranges: how far panels go in this substep [m]. off: largest distance of their corners from their paths [m]. astray:
+    True if a panel needs a search for that. failed: True if a panel is torn. balls, drifts: center and radius of the
+    ball around a panel and all that it may touch, and the displacement of that ball [m]. sums: (W, 4) sum of all
+    velocities when the frame began, in integers, and 1 if a particle is pinned. rounds: (64,) 1 if the clamp shortened
+    a displacement in that round.
 
     folded: (2,) 1 if parts of one body may touch, now and in the frame before (see early_out.py). turns: (W x B,)
     rotations of the rest shapes of bodies.
@@ -68,6 +69,7 @@ class Pairs:
     panels: wp.array2d(dtype=wp.vec2i)
     counts: wp.array2d(dtype=int)
     clock: wp.array(dtype=int)
+    step: wp.array(dtype=float)
     ways: wp.array(dtype=Way)
     ranges: wp.array(dtype=float)
     off: wp.array(dtype=float)

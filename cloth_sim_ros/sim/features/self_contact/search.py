@@ -250,7 +250,14 @@ class Search:
         self._boxes, self._places = (boxes_of(worlds, self._panels, device) for _ in range(2))
         self._crossings = wp.zeros(len(members.bodies), dtype=int, device=device)
         room, couples = (worlds, PAIRS_A_PANEL * self._panels), (worlds, _COUPLES_A_PANEL * self._panels)
-        shapes = {"couples": couples, "counts": (worlds, 2), "clock": 6, "sums": (worlds, 4), "rounds": ROUNDS}
+        shapes = {
+            "couples": couples,
+            "counts": (worlds, 2),
+            "clock": 6,
+            "step": 1,
+            "sums": (worlds, 4),
+            "rounds": ROUNDS,
+        }
         shapes |= {"folded": 2, "turns": worlds * len(members.bodies)}
         shapes |= dict.fromkeys(("parts", "kept", "rooms", "starts", "panels"), room)
         shapes |= dict.fromkeys(("ways", "ranges", "off", "astray", "failed", "balls", "drifts"), total)

@@ -41,6 +41,9 @@ MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
 _EASE, _PARTING = wp.constant(0.3), wp.constant(0.1)
 
 
+_MOST_TURNED = wp.constant(0.5)  # cosine of the angle by which a line may turn in a substep, past a border
+
+
 @wp.struct
 class Close:
     """Pairs that may touch in this substep.
@@ -59,6 +62,7 @@ class Close:
     inverse: wp.array2d(dtype=float)
     weights: wp.array2d(dtype=float)
     lines: wp.array2d(dtype=wp.vec3)
+    turns: wp.array2d(dtype=wp.vec4)
     gaps: wp.array2d(dtype=wp.vec2)
     frictions: wp.array2d(dtype=wp.vec2)
     slips: wp.array2d(dtype=wp.vec4)
@@ -116,10 +120,36 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                     close.inverse[w, 4 * j + q] = wp.where(held, 0.0, moves[3])
                     close.weights[w, 4 * j + q] = m.weights[q]
                 close.lines[w, j] = n
+                close.turns[w, j] = wp.vec4(0.0)
+                if is_corner and wp.max(wp.vec3(m.weights[1], m.weights[2], m.weights[3])) == 0.0:
+                    close.turns[w, j] = pack(_border(m.weights, b, c, d), apart)
                 # If many pairs ask the same particle, those that have nearly passed through get most of it.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
                 close.gaps[w, j] = wp.vec2(wanted, urgency * urgency)
                 close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b])
+
+
+@wp.func
+def _border(weights: wp.vec4, b: wp.vec3, c: wp.vec3, d: wp.vec3) -> wp.vec3:
+    """Return the direction of the side of triangle b c d that a particle is nearest to; 0 if that is a corner."""
+    if weights[1] == 0.0 and weights[2] != 0.0 and weights[3] != 0.0:
+        return wp.normalize(d - c)
+    if weights[2] == 0.0 and weights[1] != 0.0 and weights[3] != 0.0:
+        return wp.normalize(d - b)
+    if weights[3] == 0.0 and weights[1] != 0.0 and weights[2] != 0.0:
+        return wp.normalize(c - b)
+    return wp.vec3(0.0)
+
+
+@wp.func
+def _parted(n: wp.vec3, turn: wp.vec4, moved: wp.vec3) -> float:
+    """Return by how much two parts move apart [m], along their line or, past a border, as that line turns."""
+    if turn[3] > 0.0:
+        side, end = xyz(turn), turn[3] * n + moved
+        end -= wp.dot(side, end) * side
+        if wp.dot(n, end) > _MOST_TURNED * wp.length(end):
+            return wp.length(end) - turn[3]
+    return wp.dot(n, moved)
 
 
 @wp.func
@@ -143,7 +173,7 @@ def _claim(members: Members, close: Close, w: int, t: int, group: CooperativeGro
             slip += weight * (d - xyz(load_row(surface.position_lo, i)))
             if surface.last_displacements.shape[0] > 0:
                 before += weight * (surface.last_displacements[i] + _asked(surface, i, 1 - turn, HIT))
-        lacks = wp.max(close.gaps[w, j][0] - wp.dot(n, sum_of_four(moved)), 0.0)
+        lacks = wp.max(close.gaps[w, j][0] - _parted(n, close.turns[w, j], sum_of_four(moved)), 0.0)
         slip, before = sum_of_four(slip), sum_of_four(before)
         if lane == 0:
             close.slips[w, j] = pack(slip - wp.dot(slip, n) * n, lacks)
@@ -253,6 +283,6 @@ def contact_solve(members: Members, pairs: Pairs, group: CooperativeGroup, devic
     """The launch that keeps the pairs of a search apart."""
     worlds, room = pairs.parts.shape
     shapes = dict.fromkeys(("particles", "surfaces", "inverse", "weights"), (worlds, 4 * room))
-    shapes |= dict.fromkeys(("lines", "gaps", "frictions", "slips", "met"), (worlds, room))
+    shapes |= dict.fromkeys(("lines", "turns", "gaps", "frictions", "slips", "met"), (worlds, room))
     close = allocated(Close, device, counts=worlds, some=1, **shapes)
     return recorded(_keep_apart, members, pairs, close, _PASSES, group=group, device=device)
