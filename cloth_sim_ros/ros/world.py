@@ -66,7 +66,7 @@ class World:
             plan = make_plan(values)
             broken = broken_meshes(plan, plan.scene.objects)
             for sentence in (*plan.problems.values(), *broken.values()):
-                self._log.error(f"{sentence}; it is left out until a parameter change mends it")
+                self._log.error(f"{sentence}; it is left out until that is mended")
             tracks = self._tracks_with(plan)
             drivers = self.grippers.prepare(plan.grippers, tracks)
             plan = plan.without(broken).with_poses({name: track.pose for name, track in tracks.items()})

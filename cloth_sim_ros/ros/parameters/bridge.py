@@ -47,6 +47,7 @@ class ParameterBridge:
         self.values: dict[str, Any] = {}
         self._restoring = self._declaring = False
         self._followed: set[str] = set()  # what the last change brings with it by a material
+        self._refused: dict[str, str] = {}  # start-up value -> what is wrong with it
         self._declare_all()
         self._warn_unknown()
         self._warn_idle()
@@ -78,6 +79,10 @@ class ParameterBridge:
             self.values |= material_values(self.values, self._given)
         for name, row in rows.items():
             value = ros_value(row, self.values[name])
+            if name in self._refused:
+                usual = self.values[name] == _default(row, name, self.values)
+                source = "the default" if usual else "that of the material,"
+                self._log.error(f"{self._refused[name]}; using {source} {value!r}")
             self._node.declare_parameter(name, value, descriptor(row, name), ignore_override=True)
 
     # -- objects that come and go --------------------------------------------------------------------------------
@@ -127,7 +132,10 @@ class ParameterBridge:
             self._node.undeclare_parameter(each)
 
     def _start_value(self, name: str, row: Parameter) -> Any:
-        """The value given for `name`, or the default: where none is given, or after a complaint where it is wrong."""
+        """The value given for `name`, or the default, where none is given or it is wrong.
+
+        A wrong type or shape is kept: nothing stands in for it, and the plan leaves out what has it.
+        """
         default = _default(row, name, self.values)
         if name not in self._given:
             return default
@@ -137,7 +145,9 @@ class ParameterBridge:
         try:
             return coerced(row, given, name)
         except ValueError as error:
-            self._log.error(f"{error}; using the default {ros_value(row, default)!r}")
+            if row.name in ("type", "shape") and isinstance(given, str):
+                return given
+            self._refused[name] = str(error)
             del self._given[name]
             return default
 
@@ -150,8 +160,10 @@ class ParameterBridge:
                 self._log.warning(why)
 
     def _warn_unknown(self) -> None:
+        kinds = {f"{name}.type" for name in self.values["objects"]} & self.rows.keys()
+        odd = tuple(kind[:-4] for kind in kinds if self.values[kind] not in self.rows[kind].choices)
         for name in self._given:
-            if name not in self.rows and not name.startswith(_RCLPY_OWN):
+            if name not in self.rows and not name.startswith((*_RCLPY_OWN, *odd)):
                 self._log.warning(f"{_unknown(name, self.rows)} Its value is ignored.")
 
     # -- changes -------------------------------------------------------------------------------------------------
@@ -308,7 +320,12 @@ def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str,
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
+    owner, _, field = name.rpartition(".")
+    of_owner = [each.rpartition(".")[2] for each in known if each.rpartition(".")[0] == owner]
+    if of_owner:
+        close = [f"{owner}.{each}".lstrip(".") for each in difflib.get_close_matches(field, of_owner, n=1)]
+    else:
+        close = difflib.get_close_matches(name, known, n=1)
     plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
     return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
 

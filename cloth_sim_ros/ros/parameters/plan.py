@@ -140,7 +140,9 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
 
 def make_object(values: Values, name: str) -> Cloth | Rope:
     """The cloth or rope called `name`. Raises ValueError with what is wrong."""
-    own = group(values, name)
+    own, types = group(values, name), parameters.OBJECT[0].choices
+    if own["type"] not in types:
+        raise ValueError(f"{name}.type is {own['type']!r}; allowed is one of {', '.join(types)}")
     material, known = own.pop("material"), CORDS if own["type"] == "rope" else FABRICS
     if material and material not in known:
         raise ValueError(f"{name}.material is {material!r}; allowed is one of {', '.join(known)}")

@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2
 MISTAKES = """
 cloth_sim:
   ros__parameters:
-    objects: [cloth, torn, "two words", cloth, LONG, "new\\nline"]
+    objects: [cloth, torn, cable, silky, "two words", cloth, LONG, "new\\nline"]
     colliders: [ball, cloth]
     rate: 60                              # a whole number for a decimal
     gravity: [0, 0, -9.81]                # both in one list
@@ -28,6 +28,8 @@ cloth_sim:
       masss: 1.0
       bending:
     torn: {mesh: /nowhere/shirt.obj}
+    cable: {type: rop, segments: 4}
+    silky: {material: silk, resolution: [3, 3], thickness: -1, density: 3}
     ball: {shape: cube, dimensions: [[1, 2], [3, 4]], position: [0, 0, five]}
     solver: {substeps: 20.0, iterations: many}
 """
@@ -47,7 +49,10 @@ SENTENCES = [
     "there is no parameter cloth.colour",
     "there is no parameter cloth.masss; did you mean cloth.mass?",
     "cloth.bending has no value and is ignored",
-    "torn.mesh is '/nowhere/shirt.obj'; no such file is there; it is left out until a parameter change mends it",
+    "torn.mesh is '/nowhere/shirt.obj'; no such file is there; it is left out until that is mended",
+    "cable.type is 'rop'; allowed is one of cloth, rope; it is left out until that is mended",
+    "silky.thickness is -1; allowed is a finite number from 0 to 1 [m]; using that of the material, 7.5e-05",
+    "there is no parameter silky.density. Its value is ignored",
     "ball.shape is 'cube'; allowed is one of plane, sphere, capsule, box",
     "ball.dimensions is no list of one type and is ignored",
     "ball.position is no list of one type and is ignored",
@@ -60,7 +65,7 @@ def test_every_mistake_is_said_and_the_rest_works(start, client):
     for sentence in [*SENTENCES, "publish.velocities is 1; allowed is true or false"]:
         matching = [line for line in node.log.splitlines() if sentence in line]
         assert len(matching) == 1, f"{sentence}\n{node.log}"
-    assert "Traceback" not in node.log
+    assert "Traceback" not in node.log and "cable.segments" not in node.log
     assert client.get("rate") == 60.0
     assert list(client.get("cloth.pins")) == [0, 5]
     assert list(client.get("gravity")) == [0.0, 0.0, -9.81]

@@ -69,7 +69,7 @@ def test_each_gets_its_sentence_and_the_others_fall(start, client, tmp_path):
     assert "simulating rope (9 particles) on" in node.log and "Traceback" not in node.log
     lines = node.log.splitlines()
     for name, (path, sentence) in names.items():
-        said = [line for line in lines if f" {name}" in line and "it is left out until a parameter change" in line]
+        said = [line for line in lines if f" {name}" in line and "it is left out until that is mended" in line]
         assert len(said) == 1 and sentence in said[0] and len(said[0]) < 400, (path, said)
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)
     client.until(lambda: clouds and fields(clouds[-1])[-1, 2] < 0.5)
