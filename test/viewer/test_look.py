@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the camera of a visitor is put, in windows of different shapes."""
 
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cloth_sim_ros.viewer.live import page
 from cloth_sim_ros.viewer.look import FIELD_OF_VIEW, look_from, welcome
 
 
@@ -51,3 +53,24 @@ def test_a_window_that_becomes_narrow_or_wide_is_framed_anew():
     camera.image_width = 1600
     heard[0](camera)
     np.testing.assert_array_equal(camera.position, position)
+
+
+def test_the_camera_is_put_once_all_of_the_scene_is_there(monkeypatch):
+    """Clouds may come before the markers of colliders: a towel had fallen out of the window, to the floor below."""
+    seen = []
+    monkeypatch.setattr(page, "look_from", lambda server, position, at: seen.append((position, at)))
+    live = page.LivePage.__new__(page.LivePage)
+    names = {"objects": ["towel"], "colliders": ["floor"], "handles": []}
+    live.known = SimpleNamespace(names=names.get, values={})
+    live.scene = SimpleNamespace(
+        positions={}, places={}, starts={}, cloud=lambda name, cloud: None, markers=lambda _: None
+    )
+    live.server, live._framed, live._begin = None, False, time.monotonic()
+    live.scene.positions["towel"] = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]])
+    live._cloud("towel", None)
+    assert not seen
+    live.scene.places["floor"] = np.zeros(3)
+    live._markers(None)
+    live._cloud("towel", None)
+    ((_, at),) = seen
+    np.testing.assert_allclose(at, (0.5, 0.5, 0.5))

@@ -204,7 +204,14 @@ class LivePage(Page):
 
     def _cloud(self, name: str, cloud: PointCloud2) -> None:
         self.scene.cloud(name, cloud)
-        if not self._framed and len(self.scene.positions) == len(self.known.names("objects")):
+        self._look_once()
+
+    def _look_once(self) -> None:
+        """Puts the camera as soon as all of the scene is there, or what there is after some seconds."""
+        wanted = {name for what in ("objects", "colliders", "handles") for name in self.known.names(what)}
+        is_whole = wanted <= {*self.scene.positions, *self.scene.places}
+        is_late = time.monotonic() - self._begin > ANSWER_IN
+        if not self._framed and self.scene.positions and (is_whole or is_late):
             self._framed = True
             self._look_at_all()
 
@@ -225,6 +232,7 @@ class LivePage(Page):
 
     def _markers(self, array: MarkerArray) -> None:
         self.scene.markers(array)
+        self._look_once()
 
     def _load(self, name: str, force: float) -> None:
         self.loads[name] = force
