@@ -57,6 +57,9 @@ LEAST_SHARE = wp.constant(0.25)
 _TOUCH_AT_ONCE = wp.constant(0.67)
 # Factor of the inverse mass of a facet that two colliders squeeze. It is bound to its place, and must not overshoot.
 _SQUEEZED = wp.constant(1.5)
+# Largest distance that friction leaves a sliding facet from its anchor, as a fraction of the thickness. One that was
+# pushed away by more is not pulled back.
+_MOST_LEFT = wp.constant(0.1)
 LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
 
 
@@ -117,6 +120,7 @@ def _make_rubbed(leans: bool):
         if is_new or last.slides == 1:
             if not is_new:
                 left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
+                left *= wp.min(1.0, _MOST_LEFT * ctx.material.thickness / wp.max(wp.length(left), 1.0e-12))
             found.stuck = press.weights
             found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights) - left
         # Friction acts at the point where the slip is measured.
