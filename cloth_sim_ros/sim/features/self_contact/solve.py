@@ -39,8 +39,6 @@ MOVE, HIT, CLAIM = wp.constant(0), wp.constant(3), wp.constant(6)
 # _EASE: fraction of the missing distance by which parts that are too near separate in a substep. _PARTING: largest
 # speed of that [m/s]. If they separated at once, they would bounce, and no heap would come to rest.
 _EASE, _PARTING = wp.constant(0.3), wp.constant(0.1)
-
-
 _MOST_TURNED = wp.constant(0.5)  # cosine of the angle by which a line may turn in a substep, past a border
 
 
@@ -49,8 +47,10 @@ class Close:
     """Pairs that may touch in this substep.
 
     particles, surfaces, inverse, weights: four entries a pair. They are the particle, the index of its arrays, its
-    inverse mass [1/kg], and its weight in the line between the nearest points. lines: direction of that line. gaps:
-    distance by which the pair shall separate [m], and its urgency. frictions: static and kinetic coefficient.
+    inverse mass [1/kg], and its weight in the line between the nearest points. lines: direction of that line. turns:
+    where a particle is nearest to the border of a triangle, direction of that side (0 at a corner), and length of the
+    line [m]; else 0. gaps: distance by which the pair shall separate [m], and its urgency. frictions: static and
+    kinetic coefficient.
 
     slips: the slip of the pair, and its missing distance [m]. met: share of the missing distance by which the parts
     approached in the substep before. That share is a hit, the rest is pressure. counts: (W,). some: (1,) 1 if there is
