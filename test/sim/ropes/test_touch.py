@@ -324,9 +324,10 @@ def test_a_rope_that_is_thrown_obliquely_on_a_floor_gains_no_energy(device, mate
             assert energy < lowest + 0.02 * 12.5 * rope.mass
 
 
-def test_a_rope_that_is_thrown_on_a_drum_gains_no_energy(device):
-    """Its frame is computed again in many more substeps. With its history from few ones it gains 80 %."""
-    random = np.random.default_rng(182)
+@pytest.mark.parametrize("seed", [4, 182])
+def test_a_rope_that_is_thrown_on_a_drum_gains_no_energy(device, seed):
+    """With history from frames of few substeps one gains 80 %; with friction at no point of a segment another 29 %."""
+    random = np.random.default_rng(seed)
     along = random.normal(size=3) * (1.0, 1.0, 0.3)
     along /= np.linalg.norm(along)
     middle = np.array([*random.uniform(-0.1, 0.1, 2), 0.35])

@@ -104,8 +104,8 @@ def _make_rubbed(leans: bool):
 
     A facet that sticks is held where it first touched, not where it was a substep ago, so that it does not creep. Its
     corners share their mass with other facets, so one substep does not bring it back. What is left counts on while it
-    slides (return mapping, Simo and Hughes 1998, ch. 1); else friction would act as a part of Coulomb's. n, and the
-    friction that is returned, are in the collider's axes.
+    slides (return mapping, Simo and Hughes 1998, ch. 1); else friction would act as a part of Coulomb's. A rope has its
+    friction in its solve instead. n, and the friction that is returned, are in the collider's axes.
     """
 
     @wp.func
@@ -116,11 +116,12 @@ def _make_rubbed(leans: bool):
         before, pressed = xyz(press.so_far), press.so_far[3]
         found.stuck = last.stuck
         found.anchor = last.anchor
-        left, is_new = wp.vec3(0.0), last.when < ctx.substep - 1
+        left, is_new = wp.vec3(0.0), last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0
         if is_new or last.slides == 1:
-            if not is_new:
-                left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
-                left *= wp.min(1.0, _MOST_LEFT * ctx.material.thickness / wp.max(wp.length(left), 1.0e-12))
+            if wp.static(not leans):
+                if not is_new:
+                    left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
+                    left *= wp.min(1.0, _MOST_LEFT * ctx.material.thickness / wp.max(wp.length(left), 1.0e-12))
             found.stuck = press.weights
             found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights) - left
         # Friction acts at the point where the slip is measured.
