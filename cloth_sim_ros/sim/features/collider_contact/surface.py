@@ -116,12 +116,12 @@ def _make_rubbed(leans: bool):
         before, pressed = xyz(press.so_far), press.so_far[3]
         found.stuck = last.stuck
         found.anchor = last.anchor
-        left, is_new = wp.vec3(0.0), last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0
-        if is_new or last.slides == 1:
-            if wp.static(not leans):
-                if not is_new:
-                    left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
-                    left *= wp.min(1.0, _MOST_LEFT * ctx.material.thickness / wp.max(wp.length(left), 1.0e-12))
+        if last.when < ctx.substep - 1 or wp.max(last.stuck) == 0.0:
+            found.stuck = press.weights
+            found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights)
+        elif last.slides == 1:
+            left = point_of(facet, last.stuck) - slip_at(facet, last.stuck) - last.anchor
+            left *= wp.min(1.0, _MOST_LEFT * ctx.material.thickness / wp.max(wp.length(left), 1.0e-12))
             found.stuck = press.weights
             found.anchor = point_of(facet, press.weights) - slip_at(facet, press.weights) - left
         # Friction acts at the point where the slip is measured.
@@ -137,8 +137,11 @@ def _make_rubbed(leans: bool):
         rubbed_before = w * (before - wp.dot(before, n) * n)
         rub = friction_correction(slid, rubbed_before, w * pressed, friction[0], friction[1])
         if wp.length_sq(rub - (rubbed_before - slid)) > 0.0:
-            found.anchor += slid + moves * (rub - rubbed_before)
-            found.slides = 1
+            if wp.static(leans):
+                found.stuck = wp.vec3(0.0)
+            else:
+                found.anchor += slid + (rub - rubbed_before)
+                found.slides = 1
         found.rub = (moves / w) * (rub - rubbed_before)
         found.so_far = pack(rub / w, pressed)
         return found
