@@ -208,10 +208,11 @@ class LivePage(Page):
 
     def _look_once(self) -> None:
         """Puts the camera as soon as all of the scene is there, or what there is after some seconds."""
+        if self._framed or not self.scene.positions:
+            return
         wanted = {name for what in ("objects", "colliders", "handles") for name in self.known.names(what)}
-        is_whole = wanted <= {*self.scene.positions, *self.scene.places}
         is_late = time.monotonic() - self._begin > ANSWER_IN
-        if not self._framed and self.scene.positions and (is_whole or is_late):
+        if is_late or wanted <= {*self.scene.positions, *self.scene.places}:
             self._framed = True
             self._look_at_all()
 
