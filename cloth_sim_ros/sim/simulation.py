@@ -25,7 +25,7 @@ from cloth_sim_ros.sim.access.report import measure_object
 from cloth_sim_ros.sim.access.saving import Saving
 from cloth_sim_ros.sim.access.tensors import Tensors
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.scene.objects import Rope
+from cloth_sim_ros.sim.scene.objects import Rope, too_thick
 from cloth_sim_ros.sim.scene.scene import Scene, large_meshes, loose_meshes
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps.choose import Choice
@@ -72,7 +72,9 @@ class Simulation(Live, Placing, Tensors, Cuts):
         for given, kind in ((scene, Scene), (settings, Settings)):
             if not isinstance(given, kind):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
-        for sentence in (*large_meshes(scene), *loose_meshes(scene)):
+        thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
+        doubts = (too_thick(name, thing, thick[name]) for name, thing in scene.objects.items())
+        for sentence in (*large_meshes(scene), *loose_meshes(scene), *filter(None, doubts)):
             _LOG.warning(sentence)
         self._bodies = Bodies(scene, settings, device, worlds, executor)
         rows = {"colliders": self._bodies.colliders.array.shape[1], "handles": len(scene.handles)}
@@ -85,7 +87,6 @@ class Simulation(Live, Placing, Tensors, Cuts):
             for name, material in materials.items():
                 check_explicit(scene, settings, name, self._bodies.elastic[name], [material])
         self._write_settings()
-        thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
         self._frames = 0
         self._write_scene()

@@ -46,6 +46,28 @@ def test_reset_returns_to_the_first_bit(device):
     assert np.array_equal(*runs)
 
 
+def test_what_may_be_in_millimetres_is_told_once_and_again_after_it_was_mended(caplog):
+    square = [[0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]]
+    objects = {
+        "flat": Cloth(resolution=(3, 3), size=(0.5, 0.2), thickness=0.06),
+        "thin": Cloth(resolution=(3, 3), size=(0.5, 0.2), thickness=0.05),
+        "mesh": Cloth.from_mesh(square, [[0, 1, 2]], thickness=1.0),
+        "cord": Rope(points=[[0, 0, 1], [1, 0, 1], [0, 0.1, 1]], radius=0.3),
+    }
+    sim, ends = Simulation(Scene(objects), fixed(), "cpu"), "and 1 mm is 0.001"
+    assert caplog.messages == [
+        f"flat.thickness is 0.06 m for a cloth of 0.5 m; usual is up to 0.05 m, {ends}",
+        f"mesh.thickness is 1 m for a cloth of 0.5 m; usual is up to 0.05 m, {ends}",
+        f"cord.radius is 0.3 m for a rope of 2 m; usual is up to 0.2 m, {ends}",
+    ]
+    caplog.clear()
+    for thickness in (0.5, 0.6, 0.001, 0.7):
+        sim.set("thin.thickness", thickness)
+    assert [message.partition(" m ")[0] for message in caplog.messages] == [
+        "thin.thickness is 0.5", "thin.thickness is 0.7"
+    ]  # fmt: skip
+
+
 def test_set_state_and_read_it_back(device):
     sim = sheet_sim(device)
     x = sim.positions("cloth") + np.float32(0.25)

@@ -23,6 +23,7 @@ from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
 from cloth_sim_ros.ros.parameters.plugins import load_plugins
+from cloth_sim_ros.sim.scene.objects import too_thick
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -186,8 +187,14 @@ class ParameterBridge:
             check_solver(plan)
 
     def remark(self, parameters: list[RosParameter]) -> str:
-        """Which of `parameters`, now set, have no effect, in words; "" where all have."""
-        return "; ".join(filter(None, (names.idle(parameter.name, self.values) for parameter in parameters)))
+        """Which of `parameters`, now set, have no effect or are hardly meant, in words; "" where none is."""
+        objects, said = make_plan(self.values).scene.objects, []
+        for name in (parameter.name for parameter in parameters):
+            said.append(names.idle(name, self.values))
+            owner, _, field = name.rpartition(".")
+            if owner in objects and field in ("thickness", "radius"):
+                said.append(too_thick(owner, objects[owner], self.values[name]))
+        return "; ".join(filter(None, said))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:
         result = self._coerced(parameters)

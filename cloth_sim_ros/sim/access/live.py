@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,11 @@ from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.engine.sizes import write_size
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.input.numbers import place_of
-from cloth_sim_ros.sim.scene.objects import Cloth, Rope
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope, too_thick
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 
+_LOG = logging.getLogger(__name__)
 _FAR_AWAY = 1e30  # negative reach [m] of a missing collider
 
 
@@ -232,6 +234,8 @@ class Live(Ropes, Hands):
             field = "compliance"
         else:
             field = "thickness" if field == "radius" else field
+            if field == "thickness":
+                _doubt(owner, thing, materials[field], value)
             materials[field] = value
         if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
             rows = self._bodies.effective_materials(owner, materials, world)
@@ -323,6 +327,13 @@ class Live(Ropes, Hands):
         """Mark a row as holding no collider."""
         self._bodies.colliders.write(row, None, shape=-1, reach=-_FAR_AWAY)
         self._bodies.colliders.place(row, None, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+
+
+def _doubt(owner: str, thing: Cloth | Rope, before: np.ndarray, after: Any) -> None:
+    """Warn of a thickness [m] that may be in millimetres, once however long a slider moves it."""
+    was, now = (too_thick(owner, thing, float(np.max(each, initial=0.0))) for each in (before, after))
+    if now and not was:
+        _LOG.warning(now)
 
 
 def _set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) -> None:

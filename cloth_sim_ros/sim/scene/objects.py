@@ -22,6 +22,7 @@ from cloth_sim_ros.sim.scene.materials import Fabric, rope_fields, sheet_fields,
 
 _LOG = logging.getLogger(__name__)
 _MOST_POISSON = 0.95  # part of the largest Poisson's ratio of a stable sheet
+_THICK = 0.1  # of its extent: a thickness or radius beyond it is suspect, as it may be in millimetres
 
 
 @dataclass(frozen=True)
@@ -338,6 +339,21 @@ class Rope:
         pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
         if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
             raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
+
+
+def too_thick(name: str, thing: Cloth | Rope, thickness: float) -> str:
+    """Return what is odd about a thickness, or radius, [m] of an object, in one sentence; "" if it may be meant."""
+    if isinstance(thing, Rope):
+        field, kind = "radius", "rope"
+        extent = float(np.linalg.norm(np.diff(thing.points, axis=0), axis=1).sum())
+    else:
+        field, kind = "thickness", "cloth"
+        extent = max(thing.size) if thing.vertices is None else float(np.ptp(thing.vertices, axis=0).max())
+    most = _THICK * extent
+    if thickness <= most * (1.0 + 1e-6):  # as float32 rounds it
+        return ""
+    usual = f"usual is up to {most:.3g} m, and 1 mm is 0.001"
+    return f"{name}.{field} is {thickness:g} m for a {kind} of {extent:.3g} m; {usual}"
 
 
 def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:

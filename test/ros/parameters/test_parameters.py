@@ -111,6 +111,18 @@ def test_what_is_set_without_effect_is_said_in_the_answer(node, client):
         assert (result.successful, result.reason) == (True, remark)
 
 
+def test_a_thickness_that_may_be_in_millimetres_is_said_in_answer_and_log(node, client):
+    said = {
+        "cloth.thickness": "cloth.thickness is 1 m for a cloth of 1 m; usual is up to 0.1 m, and 1 mm is 0.001",
+        "rope.radius": "rope.radius is 1 m for a rope of 1 m; usual is up to 0.1 m, and 1 mm is 0.001",
+    }
+    for name, sentence in said.items():
+        result = client.set(name, 1.0)
+        assert (result.successful, result.reason) == (True, sentence)
+        node.wait_for(sentence)
+        assert client.set(name, 0.001).reason == ""
+
+
 def test_too_many_sweeps_are_refused(node, client):
     assert client.set("solver.substeps", 10000).successful
     refused = client.set("solver.iterations", 1000)
