@@ -86,5 +86,10 @@ def test_the_python_example_runs(capsys):
     assert "is computed by" in capsys.readouterr().out
 
 
+def test_the_readme_says_what_its_ros2_lines_need_before_the_first_of_them():
+    before, _, lines = (ROOT / "README.md").read_text().partition("\n    ros2 ")
+    assert "Lines with `ros2` need an [installed ROS 2](docs/how-to/installing.md)" in before and "    ros2 " in lines
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 150
