@@ -118,7 +118,15 @@ SCALE = number("scale", 1, "How many times as large as its scene says an object 
 
 WIND = (
     Parameter("enabled", "bool", False, "Whether the scene has wind; without it no aerodynamics is compiled in."),
-    vector("velocity", (0, 0, 0), "Wind velocity.", "m/s", -1000, 1000, live=True),
+    vector(
+        "velocity",
+        (0, 0, 0),
+        "Wind velocity; one on ~/wind acts in its place until this is set again, and /diagnostics tells which blows.",
+        "m/s",
+        -1000,
+        1000,
+        live=True,
+    ),
     number("air_density", 1.225, "Density of the air.", "kg/m^3", 0, 1e4),
     number(
         "drag_coefficient",

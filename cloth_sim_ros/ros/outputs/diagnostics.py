@@ -80,6 +80,8 @@ def diagnostics(
         values |= {key: max((each[key] for each in report.values()), default=0.0) for key in OVER_ALL}
         if world.sim.settings.method == "auto":
             values |= {f"{name}.method": f"{name} {choice.reason}" for name, choice in world.sim.choices.items()}
+        if world.sim.scene.wind is not None:
+            values["wind.velocity"] = list(world.sim.get("wind.velocity"))  # by topic or parameter, who spoke last
         values |= {f"{name}.held": world.sim.held(name) for name in world.sim.scene.handles}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
     status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))

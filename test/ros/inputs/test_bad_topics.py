@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from client import Client, fields, finite
+from diagnostic_msgs.msg import DiagnosticArray
 from node_process import NodeProcess
 from sensor_msgs.msg import PointCloud2
 
@@ -94,6 +95,20 @@ def test_bad_pose(net, position, orientation, header, text):
 )
 def test_bad_wind(net, velocity, header, text):
     one_warning(net, lambda: net.client.blow(velocity, **header), text)
+
+
+def test_a_good_wind_is_told_while_the_parameter_keeps_what_was_set(net):
+    client = net.client
+    told = client.listen(DiagnosticArray, "/diagnostics", 1)
+
+    def blows():
+        return [value.value for value in told[-1].status[0].values if value.key == "wind.velocity"] if told else []
+
+    client.until(lambda: blows() == ["[0.0, 0.5, 0.0]"], meanwhile=lambda: client.blow((0.0, 0.5, 0.0)))
+    assert list(client.get("wind.velocity")) == [0.0, 0.0, 0.0]
+    assert "/diagnostics tells which blows" in client.describe("wind.velocity").description
+    assert client.set("wind.velocity", [0.0, 0.0, 0.0]).successful
+    client.until(lambda: blows() == ["[0.0, 0.0, 0.0]"])
 
 
 def test_a_good_pose_after_bad_ones_is_followed(net):
