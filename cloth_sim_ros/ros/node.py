@@ -61,7 +61,7 @@ class ClothSimNode(Node):
         self._parameter_services = ParameterServices(self, self._bridge)
         values = self._bridge.values
         self._frames = Frames(values["frame_id"], self)
-        self._complaints = inputs.Complaints(log.warning)
+        self._complaints = inputs.Complaints(log)
         self._outputs = [output for kind in OUTPUTS for output in kind.each(self, values)]
         self._audience = Audience(self._outputs)
         self._makes_time = any(isinstance(output, ClockOutput) for output in self._outputs)

@@ -200,6 +200,26 @@ def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
     assert said("sheet is computed by") == [f"sheet {world.sim.choices['sheet'].reason}"], "where it ends is told"
 
 
+@pytest.mark.parametrize(
+    ("setting", "level", "remedy"),
+    [
+        ({"solver__error": 1.0}, logging.INFO, "nothing need be done"),
+        ({"solver__substeps": 6}, logging.WARNING, "raise solver.substeps, or set it to 0"),
+    ],
+)
+def test_frames_that_are_computed_again_are_a_warning_only_where_substeps_are_set(caplog, setting, level, remedy):
+    """The sheet starts in the ball and leaves it fast."""
+    caplog.set_level(logging.INFO)
+    world = World(small(**setting), logging.getLogger("test"))
+    assert world.build(world.values)
+    for _ in range(12):
+        world.advance()
+    times = world.report()["sheet"]["redone"]
+    (record,) = [each for each in caplog.records if "computed again" in each.message]
+    sentence = f"{times} frames of sheet were computed again with more substeps, as it moved hard; {remedy}"
+    assert times > 0 and (record.levelno, record.message) == (level, sentence)
+
+
 def test_substeps_that_are_picked_anew_each_second_do_not_fill_the_log(caplog):
     caplog.set_level(logging.INFO)
     world = World(small(), logging.getLogger("test"))

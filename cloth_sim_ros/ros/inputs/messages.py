@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
 from rclpy.time import Time
@@ -21,7 +21,7 @@ from cloth_sim_ros.sim.access.cuts import plane_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
-FAR = 0.1  # [m] in one frame, which flings what is met
+FAR = 0.1  # [m] in one frame, which may fling what is met
 ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
 
 
@@ -105,35 +105,46 @@ def _stamp(message: PoseStamped | Marker | Vector3Stamped | PolygonStamped) -> T
 
 
 class Complaints:
-    """Warns at most once in `period` [s] for each topic and kind of trouble, and counts what was refused."""
+    """Tells `log` at most once in `period` [s] of each topic and kind of trouble, and counts what was refused.
 
-    def __init__(self, warn: Callable[[str], None], period: float = 5.0):
+    log: anything with info() and warning().
+    """
+
+    def __init__(self, log: Any, period: float = 5.0):
         self.refused = 0
-        self._warn = warn
+        self._log = log
         self._period = period
         self._last: dict[tuple[str, str], float] = {}
 
     def refuse(self, topic: str, reason: Refused) -> None:
         """Counts one message refused on `topic` and says why."""
         self.refused += 1
-        self._say(topic, reason.kind, f"a message on {topic} is refused: {reason}")
+        self._warn(topic, reason.kind, f"a message on {topic} is refused: {reason}")
 
     def cut(self, topic: str, sentence: str) -> None:
         """Says what of a message on `topic` is cut to a limit."""
-        self._say(topic, "cut", f"a message on {topic} is cut: {sentence}")
+        self._warn(topic, "cut", f"a message on {topic} is cut: {sentence}")
 
     def ignore(self, topic: str, sentence: str) -> None:
         """Says why a message on `topic` has no effect, which may be meant."""
-        self._say(topic, "ignore", f"a message on {topic} has no effect: {sentence}")
+        self._warn(topic, "ignore", f"a message on {topic} has no effect: {sentence}")
 
     def jump(self, topic: str, way: float) -> None:
-        """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far."""
-        if way > FAR:
-            why = "its pose is the first, or came after a gap of more than pose_timeout"
-            self._say(topic, "jump", f"{topic} goes {way:.3g} m in one frame: {why}")
+        """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far.
 
-    def _say(self, topic: str, kind: str, sentence: str) -> None:
+        That is no warning: whoever drags by hand pauses, and goes on as fast.
+        """
+        if way > FAR and self._is_due(topic, "jump"):
+            why = "its pose is the first, or came after a pause of more than pose_timeout"
+            self._log.info(f"{topic} goes {way:.3g} m in one frame: {why}; poses at 30 Hz go smoothly")
+
+    def _warn(self, topic: str, kind: str, sentence: str) -> None:
+        if self._is_due(topic, kind):
+            self._log.warning(sentence)
+
+    def _is_due(self, topic: str, kind: str) -> bool:
         now = time.monotonic()
-        if now - self._last.get((topic, kind), -math.inf) >= self._period:
+        is_due = now - self._last.get((topic, kind), -math.inf) >= self._period
+        if is_due:
             self._last[topic, kind] = now
-            self._warn(sentence)
+        return is_due

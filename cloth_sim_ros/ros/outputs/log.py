@@ -103,10 +103,9 @@ class Reported:
                 self._log.warning(f"{name} was not finite or ran away and was put back, at rest, {more} times")
             if each["redone"] >= max(1, 2 * self._redone.get(name, 0)):
                 self._redone[name] = each["redone"]
-                self._log.warning(
-                    f"{name} gained energy in {each['redone']} frames, which were computed again with more substeps; "
-                    f"raise solver.substeps if it is set"
-                )
+                chosen, remedy = values["solver.substeps"] == 0, "raise solver.substeps, or set it to 0"
+                again = f"{each['redone']} frames of {name} were computed again with more substeps, as it moved hard"
+                self.say(chosen, f"{again}; {'nothing need be done' if chosen else remedy}")
         self.know(report)
 
     def know(self, report: Report) -> None:

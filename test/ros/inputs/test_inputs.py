@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a message must be to become a command."""
 
+import logging
 import math
 
 import pytest
@@ -87,16 +88,16 @@ def test_stamps_backwards_are_refused():
         follow(track, pose(stamp=5.5), WORLD)
 
 
-def test_complaints_are_throttled_by_topic_and_kind():
-    said = []
-    complaints = Complaints(said.append, period=60.0)
+def test_complaints_are_throttled_by_topic_and_kind(caplog):
+    caplog.set_level(logging.INFO)
+    complaints = Complaints(logging.getLogger("test"), period=60.0)
     for topic in ("a", "b"):
         for kind in ("frame", "size", "frame", "size"):
             complaints.refuse(topic, Refused(kind, f"wrong {kind}"))
-    assert len(said) == 4 and complaints.refused == 8
-    assert said[0] == "a message on a is refused: wrong frame"
+    assert len(caplog.records) == 4 and complaints.refused == 8
+    assert caplog.messages[0] == "a message on a is refused: wrong frame"
     for way in (0.05, 0.2, 0.3):
         complaints.jump("hand", way)
-    assert said[4:] == [
-        "hand goes 0.2 m in one frame: its pose is the first, or came after a gap of more than pose_timeout"
-    ]
+    why = "its pose is the first, or came after a pause of more than pose_timeout; poses at 30 Hz go smoothly"
+    assert caplog.messages[4:] == [f"hand goes 0.2 m in one frame: {why}"]
+    assert [record.levelno for record in caplog.records] == 4 * [logging.WARNING] + [logging.INFO]
