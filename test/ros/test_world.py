@@ -201,6 +201,22 @@ def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
 
 
 @pytest.mark.parametrize(
+    ("changes", "is_told"),
+    [({}, True), ({"line__position": (0.0, 0.0, 50.0)}, True), ({"line__position": (9.0, 0.0, 0.0)}, False)],
+)
+def test_objects_that_may_meet_and_pass_through_one_another_are_told_once(caplog, changes, is_told):
+    """The rope may fall on the sheet from above, and not from 9 m aside."""
+    caplog.set_level(logging.INFO)
+    world = World(small(**changes), logging.getLogger("test"))
+    assert world.build(world.values) and world.build(world.values)
+    told = [record for record in caplog.records if "object_contact" in record.message]
+    sentence = "sheet and line pass through one another where they meet, as object_contact is false; "
+    assert [(each.levelno, each.message) for each in told] == is_told * [
+        (logging.INFO, sentence + "true keeps objects apart")
+    ]
+
+
+@pytest.mark.parametrize(
     ("setting", "level", "remedy"),
     [
         ({"solver__error": 1.0}, logging.INFO, "nothing need be done"),

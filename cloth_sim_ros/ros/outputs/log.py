@@ -6,7 +6,10 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Mapping
+from itertools import combinations
 from typing import Any
+
+import numpy as np
 
 from cloth_sim_ros.sim import Simulation
 
@@ -42,6 +45,7 @@ class Reported:
         self._recoveries: dict[str, float] = {}
         self._redone: dict[str, float] = {}  # name -> count when it was last told, so that it is told rarely
         self._torn: dict[str, float] = {}
+        self._passing = False  # whether it was said that objects pass through one another
 
     def say(self, is_good: bool, sentence: str) -> None:
         """One sentence, as a warning where it is not good."""
@@ -51,10 +55,13 @@ class Reported:
             self._log.warning(sentence)
 
     def start(self, sim: Simulation, values: Mapping[str, Any]) -> None:
-        """How each object of a new simulation is computed, and which of them start where nothing can be."""
+        """How each object of a new simulation is computed, whether they pass through one another, and which of them
+        start where nothing can be."""
         self._chosen.clear()
         self._waiting.clear()
         self.reasons(sim)
+        if not (self._passing or sim.scene.object_contact):
+            self._tell_passing(sim)
         for name, (deep, way) in sim.moved.items():
             where = f"{deep:.2g} m deep in a collider and was moved out by up to {way:.2g} m"
             self._log.warning(f"{name} starts {where}; start them apart")
@@ -66,6 +73,15 @@ class Reported:
                 self._crossed.add((name, "crossings"))
                 edges = f"{each['crossings']} edges"
                 self._log.warning(f"{name} intersects itself at the start ({edges}) and may stay so; start it unfolded")
+
+    def _tell_passing(self, sim: Simulation) -> None:
+        """That two objects that may meet pass through one another."""
+        for one, other in combinations(sim.scene.objects, 2):
+            if _may_meet(sim, one, other):
+                self._passing = True
+                remedy = "object_contact is false; true keeps objects apart"
+                self._log.info(f"{one} and {other} pass through one another where they meet, as {remedy}")
+                return
 
     def reasons(self, sim: Simulation, with_substeps: bool = True) -> None:
         """How each object is computed where that is chosen, and what is missed.
@@ -150,6 +166,15 @@ class Reported:
                 self._deep.add(name)
                 remedy = "more substeps, a finer object or a start outside of all colliders help"
                 self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
+
+
+def _may_meet(sim: Simulation, one: str, other: str) -> bool:
+    """True if the middles of two objects are no farther apart than both measure, but for a way that they may fall."""
+    corners = np.array([[x.min(axis=0), x.max(axis=0)] for x in (sim.positions(one), sim.positions(other))])
+    apart, gravity = np.subtract(*corners.mean(axis=1)), np.array(sim.scene.gravity)
+    if gravity.any():
+        apart -= gravity * (gravity @ apart) / (gravity @ gravity)
+    return bool(np.linalg.norm(apart) <= np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).sum())
 
 
 def _half_thickness(name: str, each: Mapping[str, float], values: Mapping[str, Any]) -> float:
