@@ -26,6 +26,7 @@ from cloth_sim_ros.sim.input.regular_file import check_regular
 
 APART_BYTES = 4 << 20  # file size [bytes] above which a separate process reads the file
 APART = (".glb", ".gltf")  # formats always read so, as a few bytes of them may ask for any amount of memory
+FORMATS = ".obj, .off, .ply, .stl, .glb and what else trimesh reads"
 _MOST_MEMORY = 8 << 30  # memory limit of such a process [bytes]
 
 _LOG = logging.getLogger(__name__)
@@ -76,7 +77,7 @@ def _found(path: str, parameter: str, scale: float) -> Read:
         check_regular(status)
         found = _load(str(file), part, scale, status.st_size, status.st_mtime_ns)
     except (FileNotFoundError, NotADirectoryError):
-        raise ValueError(f"{parameter} is {shown(path)}; no such file is there") from None
+        raise ValueError(f"{parameter} is {shown(path)}; {absent(file, FORMATS)}") from None
     except _Unresolved:
         raise
     except (OSError, ValueError, RuntimeError) as error:
@@ -86,6 +87,13 @@ def _found(path: str, parameter: str, scale: float) -> Read:
     if found[2]:
         tell_once(f"{parameter} is {shown(path)}, which {found[2]}")
     return found
+
+
+def absent(file: Path, formats: str) -> str:
+    """Return where a file was looked for in vain, and which formats are allowed, in words for a sentence about it."""
+    folder = file.absolute().parent
+    where = shown(str(folder)) + ("" if folder.is_dir() else ", which is no folder")
+    return f"no such file is in {where}; allowed are {formats}"
 
 
 @lru_cache(maxsize=1024)

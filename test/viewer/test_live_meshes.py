@@ -81,5 +81,5 @@ def test_a_file_that_cannot_be_read_is_told_and_the_rest_is_drawn(scene, file, c
     file.unlink()
     scene.markers(MarkerArray(markers=[marker, *markers_of("ball", Sphere(radius=0.1), POSE)]))
     assert "a collider is not drawn: the mesh of link is 'file://" in caplog.text
-    assert "no such file is there" in caplog.text and len(scene.bodies["link/0"].faces) == 0
+    assert "no such file is in" in caplog.text and len(scene.bodies["link/0"].faces) == 0
     assert len(scene.bodies["ball/0"].faces) > 0

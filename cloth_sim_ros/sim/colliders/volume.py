@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.regular_file import open_regular
 from cloth_sim_ros.sim.kernels.intrinsics import load_number
-from cloth_sim_ros.sim.mesh_file import local_path
+from cloth_sim_ros.sim.mesh_file import FORMATS, absent, local_path
 from cloth_sim_ros.sim.physics.quaternion import Vector
 
 _HEAD = 7  # numbers before the values: the number of values along each axis, the origin, and the width
@@ -117,16 +117,16 @@ class SignedDistance(Collider):
         file = str(file)
         if not file.endswith(".npz"):
             return cls.from_mesh(Mesh.from_file(file, scale), **fields)
-        wrong = f"SignedDistance.from_file is {table.shown(file)}"
+        wrong, path = f"SignedDistance.from_file is {table.shown(file)}", local_path(file, "SignedDistance.from_file")
         try:
-            with open_regular(local_path(file, "SignedDistance.from_file")) as opened, NpzFile(opened) as arrays:
+            with open_regular(path) as opened, NpzFile(opened) as arrays:
                 if any(info.file_size > _MOST_BYTES for info in arrays.zip.infolist()):
                     raise ValueError(f"it has arrays of more than {_MOST} values")
                 if not set(_IN_FILE) <= set(arrays.files):
                     raise ValueError(f"{wrong}, which has {arrays.files}; allowed is one with {list(_IN_FILE)}")
                 values, origin, spacing = (np.asarray(arrays[name], np.float64) * scale for name in _IN_FILE)
         except FileNotFoundError:
-            raise ValueError(f"{wrong}; no such file is there") from None
+            raise ValueError(f"{wrong}; {absent(path, f'.npz, {FORMATS}')}") from None
         except ValueError as error:
             if wrong in str(error):
                 raise

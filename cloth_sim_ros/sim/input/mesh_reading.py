@@ -259,7 +259,10 @@ def _read_link(path: str, content: bytes, link: str, load_mesh: Callable[[str, s
             if f"{URDF}{PART}" in name:
                 raise Unfit(f"has a robot as a mesh of its link {link!r}; allowed are files of meshes")
             beside = name if "://" in name else str(Path(path).parent / name)
-            part = trimesh.Trimesh(*load_mesh(beside, f"the mesh of {link}"), process=False)
+            try:
+                part = trimesh.Trimesh(*load_mesh(beside, f"the mesh of {link}"), process=False)
+            except ValueError as error:
+                raise Unfit(f"cannot be read: {error}") from None
             part.apply_scale(1.0 if shape.mesh.scale is None else shape.mesh.scale)
         parts.append(part if collision.origin is None else part.apply_transform(collision.origin))
     if not parts:

@@ -49,7 +49,8 @@ SENTENCES = [
     "there is no parameter cloth.colour",
     "there is no parameter cloth.masss; did you mean cloth.mass?",
     "cloth.bending has no value and is ignored",
-    "torn.mesh is '/nowhere/shirt.obj'; no such file is there; it is left out until that is mended",
+    "torn.mesh is '/nowhere/shirt.obj'; no such file is in '/nowhere', which is no folder; allowed are .obj, .off, "
+    ".ply, .stl, .glb and what else trimesh reads; it is left out until that is mended",
     "cable.type is 'rop'; allowed is one of cloth, rope; it is left out until that is mended",
     "silky.thickness is -1; allowed is a finite number from 0 to 1 [m]; using that of the material, 7.5e-05",
     "there is no parameter silky.density. Its value is ignored",

@@ -49,7 +49,7 @@ SPECIAL = {
     "fifo.obj": "cannot be read: a FIFO is there, and no regular file",
     "large.obj": "has 67 MB; allowed are at most 67 MB",
     "n" * 5000 + ".obj": "cannot be read: File name too long",
-    "nowhere.obj": "no such file is there",
+    "nowhere.obj": "no such file is in",
 }
 
 

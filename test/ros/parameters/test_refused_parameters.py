@@ -44,7 +44,7 @@ def shared(ros, tmp_path_factory):
         ("cloth.resolution", [1, 1], "cloth.resolution is (1, 1); allowed is 2 whole numbers from 2 to"),
         ("cloth.resolution", [100000, 100000], "cloth.resolution is (100000, 100000); allowed is"),
         ("cloth.resolution", "big", "cloth.resolution is 'big'"),
-        ("cloth.mesh", "/nowhere/shirt.obj", "cloth.mesh is '/nowhere/shirt.obj'; no such file is there"),
+        ("cloth.mesh", "/nowhere/shirt.obj", "cloth.mesh is '/nowhere/shirt.obj'; no such file is in"),
         ("cloth.bending", "wood", "cloth.bending is 'wood'; allowed is one of none, springs, dihedral"),
         ("gravity", [0.0, 0.0], "gravity is (0.0, 0.0); allowed is 3 finite numbers"),
         ("gravity", [0.0, 0.0, math.nan], "gravity is"),

@@ -288,7 +288,7 @@ def test_a_file_of_either_is_read_in_its_units(tmp_path):
 OPEN = (np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float), [[0, 2, 1], [0, 1, 3], [1, 2, 3]])
 CLOSED = [*OPEN[1], [0, 3, 2]]
 NOT_OPENED = {
-    "nowhere.stl": "; no such file is there",
+    "nowhere.stl": "; no such file is in '/.*'; allowed are .obj, ",
     "package://no_such_package/a.stl": "and no package 'no_such_package' is installed|which needs ament_index_python",
     "words.stl": "cannot be read as a triangle mesh|holds no triangles",
 }
@@ -323,7 +323,7 @@ def test_files_that_cannot_be_are_told(tmp_path):
         SignedDistance.from_file(str(tmp_path / "open.stl"))
     for name, sentence in {
         "words.npz": "which cannot be read: it is no .npz file of numbers",
-        "nowhere.npz": "no such file is there",
+        "nowhere.npz": "no such file is in '/.*'; allowed are .npz, .obj, ",
         "other.npz": r"which has \['values'\]; allowed is one with \['values', 'origin', 'spacing'\]",
     }.items():
         with pytest.raises(ValueError, match=f"^SignedDistance.from_file is '.*{name}'[,;] {sentence}"):

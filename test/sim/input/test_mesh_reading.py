@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from patience import patience
 
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim import SignedDistance
 from cloth_sim_ros.sim.mesh_file import load_mesh
 
@@ -28,6 +29,16 @@ def refusal(path):
         load_mesh(str(path), "it.mesh")
     assert "\n" not in str(error.value) and len(str(error.value)) < 400
     return str(error.value)
+
+
+def test_a_file_that_is_not_there_is_told_with_its_folder_and_the_formats(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ends = "allowed are .obj, .off, .ply, .stl, .glb and what else trimesh reads"
+    assert refusal("shrit.obj") == f"it.mesh is 'shrit.obj'; no such file is in {shown(str(tmp_path))}; {ends}"
+    (tmp_path / "shirt.obj").write_text(SQUARE)
+    for folder in ("meshs", "shirt.obj"):
+        told = f"no such file is in {shown(str(tmp_path / folder))}, which is no folder; {ends}"
+        assert refusal(f"{folder}/shirt.obj") == f"it.mesh is '{folder}/shirt.obj'; {told}"
 
 
 def gltf(buffer, count=4):

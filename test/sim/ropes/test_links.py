@@ -52,7 +52,7 @@ def test_all_that_collides_of_a_link_lies_in_its_axes(robot):
     [
         ("hand.urdf#palm", "which has nothing that collides in link 'palm'"),
         ("hand.urdf#thumb", "which has no link 'thumb'; allowed are 'palm, finger'"),
-        ("none.urdf#finger", "no such file is there"),
+        ("none.urdf#finger", "no such file is in"),
     ],
 )
 def test_a_link_that_cannot_be_is_refused_in_a_sentence(robot, name, sentence):
@@ -62,5 +62,5 @@ def test_a_link_that_cannot_be_is_refused_in_a_sentence(robot, name, sentence):
 
 def test_a_tip_that_is_not_there_is_named(robot):
     (robot.parent / "tip.stl").unlink()
-    with pytest.raises(ValueError, match="the mesh of finger is .*tip.stl'; no such file is there"):
+    with pytest.raises(ValueError, match="the mesh of finger is .*tip.stl'; no such file is in '.*'; allowed"):
         Mesh.from_file(f"{robot}#finger")
