@@ -165,7 +165,9 @@ class ParameterBridge:
         odd = tuple(kind[:-4] for kind in kinds if self.values[kind] not in self.rows[kind].choices)
         for name in self._given:
             if name not in self.rows and not name.startswith((*_RCLPY_OWN, *odd)):
-                self._log.warning(f"{_unknown(name, self.rows)} Its value is ignored.")
+                close = _closest(name, self.rows)
+                acts = f", and {close} is {ros_value(self.rows[close], self.values[close])!r}" if close else ""
+                self._log.warning(f"{_unknown(name, self.rows)} Its value is ignored{acts}.")
 
     # -- changes -------------------------------------------------------------------------------------------------
     # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
@@ -326,15 +328,21 @@ def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str,
     return values
 
 
-def _unknown(name: str, known: Iterable[str]) -> str:
+def _closest(name: str, known: Iterable[str]) -> str:
+    """The parameter among `known` that is meant by a wrong `name`, or ""."""
     owner, _, field = name.rpartition(".")
     of_owner = [each.rpartition(".")[2] for each in known if each.rpartition(".")[0] == owner]
     if of_owner:
         close = [f"{owner}.{each}".lstrip(".") for each in difflib.get_close_matches(field, of_owner, n=1)]
     else:
         close = difflib.get_close_matches(name, known, n=1)
+    return close[0] if close else ""
+
+
+def _unknown(name: str, known: Iterable[str]) -> str:
+    close = _closest(name, known)
     plain = name if name.isprintable() and len(name) <= 80 else table.shown(name)
-    return f"there is no parameter {plain}" + (f"; did you mean {close[0]}?" if close else ".")
+    return f"there is no parameter {plain}" + (f"; did you mean {close}?" if close else ".")
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:

@@ -29,7 +29,7 @@ cloth_sim:
       bending:
     torn: {mesh: /nowhere/shirt.obj}
     cable: {type: rop, segments: 4}
-    silky: {material: silk, resolution: [3, 3], thickness: -1, density: 3}
+    silky: {material: silk, resolution: [3, 3], thickness: -1, density: 3, sise: [2, 2]}
     ball: {shape: cube, dimensions: [[1, 2], [3, 4]], position: [0, 0, five]}
     solver: {substeps: 20.0, iterations: many}
 """
@@ -47,7 +47,8 @@ SENTENCES = [
     "cloth.mass is 'heavy'; allowed is a finite number from 1e-09 to 1e+06 [kg]; using the default 0.2",
     "cloth.stretch_compliance is -1; allowed is a finite number from 0",
     "there is no parameter cloth.colour",
-    "there is no parameter cloth.masss; did you mean cloth.mass?",
+    "there is no parameter cloth.masss; did you mean cloth.mass? Its value is ignored, and cloth.mass is 0.2.",
+    "there is no parameter silky.sise; did you mean silky.size? Its value is ignored, and silky.size is [1.0, 1.0].",
     "cloth.bending has no value and is ignored",
     "torn.mesh is '/nowhere/shirt.obj'; no such file is in '/nowhere', which is no folder; allowed are .obj, .off, "
     ".ply, .stl, .glb and what else trimesh reads; it is left out until that is mended",
