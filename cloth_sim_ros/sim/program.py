@@ -30,6 +30,7 @@ from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
+from cloth_sim_ros.sim.features.collider_contact.part import make_part
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
@@ -98,7 +99,8 @@ def make_program(features: Features, on_cpu: bool, threads: int = 1) -> Program:
     if features.plate and not explicit:
         before.append(over_particles("bend", make_bend(features)))
     if features.chain:
-        program.solved += [over_particles("start", start), Stage("chain", make_solve(features, threads))]
+        begin = both(start, make_part(features)) if features.leans else start
+        program.solved += [over_particles("start", begin), Stage("chain", make_solve(features, threads))]
     if features.lines:
         program.solved.append(_make_lines(features, on_cpu))
     if features.constraints:

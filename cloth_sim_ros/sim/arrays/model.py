@@ -67,8 +67,9 @@ class Features:
 
     @property
     def audited(self) -> bool:
-        """True if the energy of frames is judged (substeps/energy.py): of sheets without forces from outside."""
-        return self.measured and self.lines and not (self.in_step or self.forces or self.constraints)
+        """True if the energy of frames is judged (substeps/energy.py): nothing acts whose work is not known."""
+        unknown = self.in_step or self.forces or self.constraints or self.winch
+        return self.measured and (self.lines or self.chain) and not unknown
 
     @property
     def leans(self) -> bool:

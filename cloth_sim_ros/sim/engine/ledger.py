@@ -35,24 +35,24 @@ class Ledger:
         device, bodies = saved.device, len(given) * len(lines)
         rows = [(b, *family) for b, families in enumerate(lines) for family in families]
         families = wp.array(np.array(rows, dtype=np.int32), dtype=wp.vec4i, device=device)
-        factors = wp.zeros(bodies, dtype=int, device=device)
+        factors, best = (wp.zeros(bodies, dtype=kind, device=device) for kind in (int, wp.vec2d))
         blocks = 1 if device.is_cpu else -(-largest // _PARTICLES)
         parts = wp.zeros((bodies, blocks), dtype=Energies, device=device)
         self._saved, self._rejects = saved, wp.zeros(1, dtype=int, device=device)
-        before = [saved.part(name) for name in ("positions", "velocities", "recoveries")]
+        before = [saved.part(name) for name in ("positions", "velocities", "twists", "recoveries")]
 
         def launch(kernel: wp.Kernel, *inputs, dim: int = bodies, **more) -> Callable[[], None]:
             return wp.launch(kernel, dim, inputs=[given, *inputs], device=device, record_cmd=True, **more).launch
 
         wide = {"dim": bodies * blocks * block, "block_dim": block}
-        energies = [families, *before[:2]]
+        energies = [families, *before[:3]]
         self._open = [
             launch(find_energies, *energies, 1, int(second), block, parts, **wide),
-            launch(open_frames, parts, factors),
+            launch(open_frames, parts, factors, best),
         ]
         self._judge = [
             launch(find_energies, *energies, 0, int(second), block, parts, **wide),
-            launch(judge_frames, families, parts, before[2], factors, self._rejects),
+            launch(judge_frames, families, parts, before[3], factors, best, self._rejects),
         ]
         wide = {"dim": bodies * block, "block_dim": block}
         self._begin_again = launch(begin_again, factors, self._rejects, block, **wide)

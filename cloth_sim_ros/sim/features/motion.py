@@ -12,6 +12,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.features.air.panels import make_push
+from cloth_sim_ros.sim.features.collider_contact.part import take_parted
 from cloth_sim_ros.sim.features.plate.bending import make_bending_force
 from cloth_sim_ros.sim.kernels.intrinsics import (
     array_address,
@@ -216,6 +217,8 @@ def make_finish(features: Features):
         old = load4(ctx.x, i)
         total = xyz(load4(ctx.d, i))
         displacement = total - lo  # 0 if pinned
+        if wp.static(features.shapes != ()):
+            displacement -= take_parted(i, ctx)
         # Divide, do not multiply by 1/h: h x (1/h) is not 1 in float32, and that error would grow with every substep.
         velocity = rate_of(displacement, ctx.step)
         if wp.static(features.order == 2):

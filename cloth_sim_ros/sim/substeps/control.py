@@ -94,6 +94,13 @@ def resample_all(t: int, width: int, arrays: Arrays, b: int, old: int, new: int)
 
 
 @wp.func
+def forget_rope(a: Arrays, b: int):
+    """Let a rope begin without history; what it did in a frame that is far too coarse is no guide, and adds energy."""
+    if a.model.segment_length.shape[0] > 0 and a.state.history.shape[0] > 0:
+        a.state.history[b] = 0
+
+
+@wp.func
 def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int, second: int):
     """Let body b take `new` substeps of a frame from now on, with its history resampled if it is of second order."""
     if second > 0:
@@ -101,9 +108,8 @@ def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int
     sync()  # all threads have read what one will write
     if t == 0:
         arrays.state.control.substeps[b] = new
-        # What a rope did before a frame that is far too coarse is no guide: carried on, it gains energy.
-        if old != new and arrays.model.segment_length.shape[0] > 0:
-            arrays.state.history[b] = 0
+        if old != new:
+            forget_rope(arrays, b)
 
 
 @wp.func

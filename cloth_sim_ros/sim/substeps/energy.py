@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The energy of each sheet before and after a frame. A frame that gains energy is rejected, and computed again.
+"""The energy of each body before and after a frame. A frame that gains energy is rejected, and computed again.
 
 A frame may not end with more than the `ceiling`, plus the work of hands, colliders and air in it. The ceiling is the
 energy of the last frames: it falls towards the energy by a tenth of the difference a frame, so that energy may go to
 and fro between springs that a sweep has not solved and motion. What is changed between frames moves it.
 
 Elastic energy is half the force of each spring times its elongation. That holds for springs of their own, and for those
-of a membrane, whose forces are linear in all elongations.
+of a membrane, whose forces are linear in all elongations. That of ropes is in rope_energy.py.
 """
 
 import warp as wp
@@ -14,12 +14,14 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, rests, substeps_of
 from cloth_sim_ros.sim.features.collider_contact.sweep import slip_of, sweep_collider
 from cloth_sim_ros.sim.features.plate.bending import around, curve_moment, rigidity_of
+from cloth_sim_ros.sim.features.twist.arrays import Twist
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import array_address, load4, load_row, sync, xyz
 from cloth_sim_ros.sim.lines.membrane import coupled_length
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.physics.plate import rest_curvature
-from cloth_sim_ros.sim.substeps.control import resample_all, total
+from cloth_sim_ros.sim.substeps.control import forget_rope, resample_all, total
+from cloth_sim_ros.sim.substeps.rope_energy import elastic_of_rope, is_rigid_rope, work_of_clamps
 
 FALLS = wp.constant(wp.float64(0.1))  # share by which the ceiling falls towards the energy in a frame
 FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame later
@@ -28,6 +30,8 @@ FADES = wp.constant(wp.float64(0.98))  # share of the scale that is left a frame
 MOST_GAIN, OF_FALL, SLOW = wp.constant(wp.float64(0.02)), wp.constant(3.0e-3), wp.constant(2.0e-2)
 MORE = wp.constant(2)  # factor of the substeps from one repetition to the next
 MOST_REPEATED = wp.constant(64)  # largest factor of the substeps
+NONE = wp.constant(wp.float64(1.0e300))  # no gain is known
+FINEST = wp.constant(2000)  # substeps from which on more do not help, as float32 rounds what happens in one
 
 
 @wp.struct
@@ -55,8 +59,10 @@ def energy_of_spring(k: int, kind: int, b: int, a: Arrays) -> float:
 
 
 @wp.func
-def part_of(t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.vec4i), second: int) -> Energies:
-    """The part of the energies of body b that thread t of `width` sums."""
+def part_of(
+    t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.vec4i), second: int, placed: bool
+) -> Energies:
+    """The part of the energies of body b that thread t of `width` sums; placed: see rope_energy.py."""
     e = Energies()
     m, s, body, material = a.model, a.state, a.model.bodies[b], a.materials[b]
     x, lo = array_address(s.positions, body.particles), array_address(s.position_lo, body.particles)
@@ -82,6 +88,8 @@ def part_of(t: int, width: int, a: Arrays, b: int, families: wp.array(dtype=wp.v
             for k in range(family[2] + t, family[3], width):
                 if m.line_rests[k] >= 0.0:
                     e.elastic += wp.float64(energy_of_spring(k, family[1], b, a))
+    if m.segment_length.shape[0] > 0 and not is_rigid_rope(a, b):
+        e.elastic += elastic_of_rope(t, width, a, b, placed)
     return e
 
 
@@ -108,15 +116,18 @@ def most_of_air(
     """
     s, frame, corners, first = a.state, a.frames[0], a.model.panels[p], a.model.bodies[b].particles
     move, velocity = wp.vec3(0.0), wp.vec3(0.0)
-    for c in range(3):
+    count = wp.where(corners[2] < 0, 2, 3)
+    for c in range(count):
         g = first + corners[c]
-        move += xyz(load_row(s.positions, g) - load_row(starts, g)) / 3.0
-        velocity += xyz(load_row(start_velocities, g)) / 3.0
+        move += xyz(load_row(s.positions, g) - load_row(starts, g)) / float(count)
+        velocity += xyz(load_row(start_velocities, g)) / float(count)
     origin = xyz(load_row(s.positions, first + corners[0]))
     e = xyz(load_row(s.positions, first + corners[1])) - origin
-    f = xyz(load_row(s.positions, first + corners[2])) - origin
+    area = 2.0 * a.materials[b].thickness * wp.length(e)
+    if count == 3:
+        area = 0.5 * wp.length(wp.cross(e, xyz(load_row(s.positions, first + corners[2])) - origin))
     pressure = 0.5 * frame.air_density * (frame.drag + 2.0 * frame.lift) * wp.length_sq(frame.wind - velocity)
-    return pressure * 0.5 * wp.length(wp.cross(e, f)) * wp.length(move)
+    return pressure * area * wp.length(move)
 
 
 @wp.func
@@ -145,7 +156,8 @@ def work_on(
                 sweep = sweep_collider(a.colliders[c], 0.0, 1.0)
                 start = xyz(load_row(starts, g)) - sweep.position
                 slip = wp.transpose(sweep.to_local) * slip_of(start, move, sweep)
-                work += wp.max(0.0, wp.max(wp.dot(move, force), wp.dot(move - slip, force)))
+                own = wp.where(a.model.segment_length.shape[0] > 0, 0.0, wp.dot(move, force))
+                work += wp.max(0.0, wp.max(own, wp.dot(move - slip, force)))
     if s.air.panel_forces.shape[0] > 0:
         for p in range(body.panels + t, body.panels_end, width):
             work += most_of_air(p, a, b, starts, start_velocities)
@@ -154,8 +166,8 @@ def work_on(
 
 @wp.func
 def is_elastic(a: Arrays, b: int, families: wp.array(dtype=wp.vec4i)) -> bool:
-    """True if no springs of body b are rigid, so that the energy it began with bounds its motion."""
-    rigid = bool(False)
+    """True if nothing of body b is rigid, so that the energy it began with bounds its motion."""
+    rigid = bool(a.model.segment_length.shape[0] > 0 and is_rigid_rope(a, b))
     for f in range(families.shape[0]):
         rigid = rigid or (families[f][0] == b and compliance_of(a.materials[b], families[f][1]) == 0.0)
     return not rigid
@@ -192,6 +204,7 @@ def find_energies(
     families: wp.array(dtype=wp.vec4i),
     starts: wp.array2d(dtype=wp.vec4),
     start_velocities: wp.array2d(dtype=wp.vec4),
+    start_twists: wp.array2d(dtype=Twist),
     opens: int,
     second: int,
     block: int,
@@ -205,9 +218,11 @@ def find_energies(
     if rests(given[w].state.control, given[w].frames[0], b) or (opens > 0 and is_known(given[w], b)):
         return
     first, width = (q % blocks) * block + t, blocks * block
-    part = part_of(first, width, given[w], b, families, second)
+    part = part_of(first, width, given[w], b, families, second, opens > 0)
     if opens == 0:
         part.work = wp.float64(work_on(first, width, given[w], b, starts[w], start_velocities[w]))
+        if first == 0 and start_twists.shape[1] > 0:
+            part.work += wp.float64(work_of_clamps(given[w], b, start_twists[w, b]))
     sum = Energies()
     sum.kinetic = total(part.kinetic)
     sum.elastic = total(part.elastic)
@@ -218,11 +233,17 @@ def find_energies(
 
 
 @compiled
-def open_frames(given: wp.array(dtype=Arrays), parts: wp.array2d(dtype=Energies), factors: wp.array(dtype=int)):
+def open_frames(
+    given: wp.array(dtype=Arrays),
+    parts: wp.array2d(dtype=Energies),
+    factors: wp.array(dtype=int),
+    best: wp.array(dtype=wp.vec2d),
+):
     k = wp.tid()
     bodies = given[0].limits.shape[0]
     a, b = given[k / bodies], k % bodies
     factors[k] = 0
+    best[k] = wp.vec2d(NONE, wp.float64(0.0))
     if is_known(a, b):
         return
     e, ledger = summed(k, parts), a.state.control.ledgers[b]
@@ -233,6 +254,19 @@ def open_frames(given: wp.array(dtype=Arrays), parts: wp.array2d(dtype=Energies)
     a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
 
 
+@wp.func
+def next_factor(gain: wp.float64, substeps: int, factor: int, best: wp.vec2d) -> int:
+    """Factor of the substeps with which a frame that gained energy [J] is computed again; `factor` if it is kept.
+
+    best: least gain so far, and its factor. Where no factor helps, that is taken, as a negative number. It is final.
+    """
+    if factor < MOST_REPEATED and substeps < FINEST:
+        return MORE * wp.max(1, factor)
+    if best[1] > wp.float64(0.0) and best[0] < gain:
+        return -int(best[1])
+    return factor
+
+
 @compiled
 def judge_frames(
     given: wp.array(dtype=Arrays),
@@ -240,6 +274,7 @@ def judge_frames(
     parts: wp.array2d(dtype=Energies),
     recoveries: wp.array2d(dtype=int),
     factors: wp.array(dtype=int),
+    best: wp.array(dtype=wp.vec2d),
     rejects: wp.array(dtype=int),
 ):
     k = wp.tid()
@@ -251,14 +286,20 @@ def judge_frames(
     scale = wp.max(ledger[1], wp.abs(e.weight - ledger[3]))
     now, ceiling = e.kinetic + e.elastic + e.weight, ledger[0] + e.work
     gains = is_elastic(a, b, families) and not (now <= ceiling + MOST_GAIN * scale or e.kinetic <= slow_energy(a, b))
-    if (gains or a.state.recoveries[b] != recoveries[k / bodies, b]) and factors[k] < MOST_REPEATED:
-        factors[k] = MORE * wp.max(1, factors[k])
-        rejects[0] = 1
-        return
+    recovered = a.state.recoveries[b] != recoveries[k / bodies, b]
+    if (gains or recovered) and factors[k] >= 0:
+        gain = wp.where(recovered or not wp.isfinite(now), NONE, now - ceiling)
+        again = next_factor(gain, substeps_of(a.state.control, a.limits[b], b), factors[k], best[k])
+        if gain < best[k][0]:
+            best[k] = wp.vec2d(gain, wp.float64(wp.max(1, factors[k])))
+        if again != factors[k]:
+            factors[k] = again
+            rejects[0] = 1
+            return
     ceiling = wp.max(now, ceiling - FALLS * (ceiling - now))
     scale = wp.max(wp.max(FADES * scale, e.kinetic + e.elastic), least_scale(a, b))
     a.state.control.ledgers[b] = wp.vec4d(ceiling, scale, now, e.weight)
-    if factors[k] > 0:
+    if factors[k] != 0:
         a.state.control.redone[b] += 1
         a.state.control.since[b] += wp.vec4i(0, 0, 0, 1)
 
@@ -273,6 +314,7 @@ def change_factor(t: int, width: int, a: Arrays, b: int, factor: int):
         resample_all(t, width, a, b, before, after)
     if t == 0:
         a.state.control.factors[b] = factor
+        forget_rope(a, b)
 
 
 @compiled
@@ -281,8 +323,8 @@ def begin_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), rej
     bodies = given[0].limits.shape[0]
     if wp.tid() == 0:
         rejects[0] = 0
-    if factors[k] > 0:
-        change_factor(t, block, given[k / bodies], k % bodies, factors[k])
+    if factors[k] != 0:
+        change_factor(t, block, given[k / bodies], k % bodies, wp.abs(factors[k]))
 
 
 @compiled
@@ -291,6 +333,6 @@ def end_again(given: wp.array(dtype=Arrays), factors: wp.array(dtype=int), block
     bodies = given[0].limits.shape[0]
     a, b = given[k / bodies], k % bodies
     used = a.state.control.factors[b]
-    # A rejected frame has a larger factor by now.
-    if used > 0 and used == factors[k]:
+    # A rejected frame has another factor by now.
+    if used > 0 and used == wp.abs(factors[k]):
         change_factor(t, block, a, b, 0)

@@ -49,7 +49,7 @@ class Press:
     stuck, anchor: friction pulls the point with weights `stuck` to `anchor` [m], in the collider's axes. slides: 1 if
     it is at its limit; the anchor then follows at the distance that is left. stops: shares of their displacements that
     the corners give up in substep `stopped`, along `front` (in the collider's axes) or, if that is 0, of all. load:
-    what a pinch adds along `normal` [kg m].
+    what a pinch adds along `normal` [kg m]. part: what of the push on a sheet ends an overlap [kg m], see part.py.
     """
 
     when: int
@@ -70,6 +70,7 @@ class Press:
     stops: wp.vec3
     front: wp.vec3
     load: float
+    part: float
 
 
 @wp.struct
@@ -116,6 +117,9 @@ class ContactState:
     facets_moved_in: wp.array(dtype=int)  # (B,) 1 + the last substep in which facets moved a particle
     pressed: wp.array(dtype=int)  # (N,) bits of what facets did to a particle, see facet_clamp.py
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
+    parted: wp.array(dtype=wp.vec3)  # (N,) displacement that is no motion, see part.py [m]
+    overlaps_in: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep in which it overlapped a collider
+    parted_in: wp.array(dtype=int)  # (B,) 1 + the last substep in which any particle of the body has such a one
     near: wp.array(
         dtype=wp.uint64
     )  # (B K/64,) bits of the colliders that a body may touch in this frame, see broad_phase.py
@@ -136,6 +140,9 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "close": n.particles * surface,
         "facets_moved_in": n.bodies * surface,
         "pressed": n.particles * surface,
+        "parted": n.particles * near,
+        "parted_in": n.bodies * near,
+        "overlaps_in": 2 * n.bodies * near,
         "sweeps": SWEPT * n.bodies * n.colliders,
         "near": n.bodies * words_of(n.colliders),
         "squeezed_in": n.bodies * n.colliders * pinches,

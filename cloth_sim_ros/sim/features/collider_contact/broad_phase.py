@@ -147,6 +147,13 @@ def make_forget_contacts(features: Features):
                         kept = pack(wp.where(wp.static(leans), xyz(last), wp.vec3(0.0)), 1.0)
                 store_row(ctx.state.contact.contacts, entry, kept)
             c = next_of(c, near, False)
+        if t == 0:
+            ctx.state.contact.parted_in[ctx.body.index] = 0
+            place = 2 * ctx.body.index
+            # The first substep goes on from the last one of the frame before.
+            overlapped = ctx.state.contact.overlaps_in[place + (taken + 1) % 2] == taken
+            ctx.state.contact.overlaps_in[place] = -1
+            ctx.state.contact.overlaps_in[place + 1] = wp.where(overlapped and taken > 0, 0, -1)
         if wp.static(listed):
             if t == 0:
                 for k in range(wp.static(EXTENT)):

@@ -4,6 +4,7 @@
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_is_beyond, make_signed_distance, number_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import Apart, separated
 from cloth_sim_ros.sim.kernels.intrinsics import pack, xyz
 
 _TRACED = 1.0e-3  # distance from the surface at which tracing of a path ends, as a fraction of the thickness
@@ -37,17 +38,16 @@ def make_ccd(shapes: tuple[str, ...]):
 
     @wp.func
     def meet(
-        shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: float
-    ) -> wp.vec4:
+        shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: Apart
+    ) -> tuple[wp.vec4, float]:
         """Return the normal and gap [m] of local point p, which came by `slip`; negative also if it passed through.
 
-        If the point cannot touch the collider, the gap is just some positive number.
-
-        An overlap that was there before counts for no more than `apart` [m].
+        If the point cannot touch the collider, the gap is just some positive number. An overlap that was there before
+        counts for no more than what separates in a substep, which is returned too if it is no small error.
         """
         if wp.static(is_beyond is not None):
             if is_beyond(shape, p, thickness + wp.length(slip), data):
-                return wp.vec4(0.0, 0.0, 1.0, thickness)
+                return wp.vec4(0.0, 0.0, 1.0, thickness), 0.0
         surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
@@ -59,7 +59,7 @@ def make_ccd(shapes: tuple[str, ...]):
         before = surface
         # Both distances are evaluated at once, though few points need the earlier one: a GPU waits as long for one as
         # for both. A mesh is slow, so there it is evaluated only if needed.
-        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -apart:
+        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -wp.min(apart.most, apart.small):
             before = signed_distance(shape, p - slip, size, data)
         if square > gap * gap:
             # Fast enough to have passed through the surface: find where it entered, and stay on that side. A particle
@@ -71,8 +71,8 @@ def make_ccd(shapes: tuple[str, ...]):
             if entry[3] >= 0.0 and through:
                 n = xyz(entry)
                 gap = deep
-        if gap < -apart:
-            gap -= wp.min(before[3] - thickness + apart, 0.0)
-        return pack(n, gap)
+        overlap = thickness - before[3]
+        parts = separated(overlap, apart)
+        return pack(n, gap + wp.max(overlap - wp.where(parts > 0.0, parts, apart.most), 0.0)), parts
 
     return meet

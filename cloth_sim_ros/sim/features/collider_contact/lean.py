@@ -22,12 +22,12 @@ from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import Lean, Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, next_of, strays
-from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, FAST, Facet, longest_way, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_place import corners_of, facet_of, is_tested, make_touched_in
 from cloth_sim_ros.sim.features.collider_contact.facet_search import make_deepest
+from cloth_sim_ros.sim.features.collider_contact.part import make_meet, make_meet_between
 from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
-from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -279,7 +279,7 @@ def make_lean(features: Features):
     Coulomb's. With `writes` the next solve takes what is found: contacts that press are closed, others open, steps of
     a semi-smooth Newton method (Alart and Curnier 1991).
     """
-    meet = make_ccd(features.shapes)
+    meet = make_meet(features)
 
     @wp.func
     def lean(i: int, near: Near, ctx: Context, k: int, writes: bool) -> bool:
@@ -304,8 +304,7 @@ def make_lean(features: Features):
             if w > HELD * load4(ctx.x, i)[3] and (away < 0.0 or wp.length_sq(before) > 0.0):
                 collider = ctx.colliders[c]
                 slip = slip_of(position - sweep.position, displacement - xyz(load4(ctx.position_lo, i)), sweep)
-                p, apart = sweep.to_local * offset, pace(collider, ctx.step)
-                met = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
+                met, _overlap = meet(i, collider, sweep, sweep.to_local * offset, slip, thickness, ctx)
                 softness = collider.compliance * ctx.step.inverse_square / w
                 ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
                 found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, unless_free)
@@ -431,7 +430,7 @@ def make_lean_between(features: Features):
     fast the rope comes nearer, by R, and shake a rope that slides. With `writes` the next solve takes what is found.
     Where several colliders touch a segment, only the one that presses most acts.
     """
-    meet, watch = make_ccd(features.shapes), _make_watch(features)
+    meet, watch = make_meet_between(features), _make_watch(features)
 
     @wp.func
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
@@ -451,8 +450,8 @@ def make_lean_between(features: Features):
                 press = ctx.state.contact.presses[entry]
                 facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
-                apart, ratio = pace(collider, ctx.step), ratio_of(k, w, ctx)
-                met = meet(collider.shape, collider.size, collider.data, p, slip, ctx.material.thickness, apart)
+                ratio = ratio_of(k, w, ctx)
+                met, _overlap = meet(corners, press.weights, collider, sweep, facet, ctx.material.thickness, ctx)
                 met[3] += NOISE - press.rounded  # as in surface.py
                 local = sweep.to_local * press.normal
                 before = wp.vec3(0.0)

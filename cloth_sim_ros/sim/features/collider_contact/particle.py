@@ -6,8 +6,8 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
-from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
+from cloth_sim_ros.sim.features.collider_contact.part import make_meet, note_parted, parted_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
     has_touched,
@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import (
     slack_of,
 )
 from cloth_sim_ros.sim.features.collider_contact.strain import TOO_STRAINED, widest_around
-from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, pace, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store4, store_row, xyz
 from cloth_sim_ros.sim.physics.friction import friction_correction, outward
@@ -207,7 +207,7 @@ def make_leave(features: Features):
         store4(ctx.d, i, pack(displacement, w))
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
-                moved = displacement - xyz(load4(ctx.position_lo, i))
+                moved = displacement - xyz(load4(ctx.position_lo, i)) - parted_of(i, ctx)
                 add_force(push.entry, (met.share / w) * forget(met, moved, push, ctx), ctx)
 
     return leave
@@ -242,7 +242,7 @@ def make_touch(features: Features):
 
     It returns bits: CLOSE if a collider may come within `width` [m] in the substep, TOUCHED if one touched it.
     """
-    meet, leave = make_ccd(features.shapes), make_leave(features)
+    meet, leave = make_meet(features), make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
     pushed_on, least = make_pushed(features), least_mass(features)
 
@@ -256,7 +256,7 @@ def make_touch(features: Features):
             return CLOSE
         position = xyz(row)
         displacement = xyz(packed)
-        close, touched, push = bool(False), bool(False), Push()
+        close, touched, push, parted = bool(False), bool(False), Push(), wp.vec3(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < ctx.colliders.shape[0]:
@@ -281,8 +281,8 @@ def make_touch(features: Features):
                 if wp.static(features.pinches):
                     squeezed = is_squeezed(i, collider, ctx)
                     slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
-                thickness, apart = material.thickness + slack, pace(collider, step)
-                touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
+                thickness = material.thickness + slack
+                touching, overlap = meet(i, collider, sweep, p, slip, thickness, ctx)
                 gap = touching[3] + slack
                 turn = float(0.0)
                 if wp.static(leans):
@@ -299,6 +299,9 @@ def make_touch(features: Features):
                     after, moved, pushed = correct(before, n, gap, tangential, softness, friction, met, ctx)
                     pressed = wp.dot(after, n)
                     displacement += wp.transpose(sweep.to_local) * moved
+                    part = wp.clamp(pressed, 0.0, overlap) * n
+                    parted += wp.transpose(sweep.to_local) * part
+                    pushed -= wp.where(ctx.last, part, wp.vec3(0.0))
                     add_force(entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed), ctx)
                     touched = True
                     touch = float(ctx.substep + 2)
@@ -312,6 +315,7 @@ def make_touch(features: Features):
             elif step.repeats or (wp.static(features.pinches) and ctx.colliders[c].opposite > 0):
                 store_row(ctx.state.contact.contacts, entry, pack(after, touch))
             c = next_of(c, met.near, stray)
+        note_parted(i, parted, ctx)
         if touched:
             leave(i, displacement, push, met, ctx)
         return wp.where(close, CLOSE, 0) + wp.where(touched, TOUCHED, 0)

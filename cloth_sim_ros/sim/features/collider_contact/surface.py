@@ -12,7 +12,6 @@ from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Press, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of, note
-from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import CORNER, FAST, Facet, longest_way, point_of, slip_at
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import MOVED, PRESSED, mark
 from cloth_sim_ros.sim.features.collider_contact.facet_place import (
@@ -25,6 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     make_touched_in,
 )
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, keep_lean, rubs
+from cloth_sim_ros.sim.features.collider_contact.part import make_meet_between, note_parted
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
@@ -33,7 +33,6 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     make_leave,
     make_pushed,
     make_touch,
-    pace,
     with_push,
 )
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
@@ -175,7 +174,7 @@ def make_press_on(features: Features):
 
     last: its last Press.
     """
-    meet, leans = make_ccd(features.shapes), features.leans
+    meet, leans = make_meet_between(features), features.leans
     rubbed = _make_rubbed(leans)
 
     @wp.func
@@ -197,9 +196,8 @@ def make_press_on(features: Features):
         if w == 0.0:
             return press
         slip = slip_at(facet, weights)
-        apart = pace(collider, ctx.step)
         p = point_of(facet, weights)
-        touching = meet(collider.shape, collider.size, collider.data, p, slip, thickness + slack, apart)
+        touching, overlap = meet(corners, weights, collider, sweep, facet, thickness + slack, ctx)
         c = entry % ctx.colliders.shape[0]
         before = wp.where(last.when == ctx.substep, last.so_far, wp.vec4(0.0))
         gap, friction = touching[3] + NOISE, rubs(collider, ctx)
@@ -224,6 +222,7 @@ def make_press_on(features: Features):
         back = wp.transpose(sweep.to_local)
         press.normal = back * n
         press.push = more * press.normal
+        press.part = wp.clamp(before[3] + more, 0.0, overlap / w)
         press.rub = back * press.rub
         if wp.static(leans):
             press.so_far *= ctx.step.inverse_square
@@ -325,6 +324,19 @@ def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
 
 
 @wp.func
+def parting_of(i: int, c: int, ctx: Context) -> wp.vec3:
+    """Return the part of `wanted_of` [kg m] that ends overlaps, see part.py."""
+    slot = ctx.body.particles + i
+    sum = wp.vec3(0.0)
+    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
+        q = ctx.model.particle_panels[place]
+        press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
+        if press.when == ctx.substep:
+            sum += press.weights[corner_in(q, i, ctx)] * press.part * press.normal
+    return sum
+
+
+@wp.func
 def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
     """Return the mean normal of a collider at the facets around particle i, weighted by their pushes."""
     slot = ctx.body.particles + i
@@ -377,7 +389,7 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        touched, push, displacement = bool(False), Push(), xyz(packed)
+        touched, push, displacement, parted = bool(False), Push(), xyz(packed), wp.vec3(0.0)
         if wp.static(features.leans):
             push = leaned(i, w, met, ctx)
         marks = ctx.state.contact.pressed[met.slot]
@@ -396,12 +408,14 @@ def make_yield(features: Features):
                 entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(entry, (met.share / w) * correction, ctx)
                 touched = True
+                parted += w * parting_of(i, c, ctx)
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
                     motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
+            note_parted(i, parted, ctx)
             leave(i, displacement, push, met, ctx)
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False

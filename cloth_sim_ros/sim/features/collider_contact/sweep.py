@@ -3,9 +3,9 @@
 
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
-from cloth_sim_ros.sim.physics.integrate import Step
 from cloth_sim_ros.sim.physics.path import bend_at, orientation_at
 
 # Distance [m] below which a motion may be rounding alone. A facet touches a collider where it is that deep: if it were
@@ -58,12 +58,50 @@ def least_gap(offset: wp.vec3, moved: wp.vec3, spin: float, reach: float) -> flo
     return wp.length(offset) - path - reach
 
 
-# Speed [m/s] at which parts that overlap at the start of a substep separate, as after a fall of half a metre. Without
-# this limit, a collider that is placed into a cloth would fling it out within one substep.
-SEPARATION = wp.constant(3.0)
+# Overlap of what is placed, as a fraction of the thickness, from which on it is moved out without a velocity.
+SMALL = wp.constant(0.1)
+# Speeds [m/s] at which an overlap separates: what contact left, and what was placed. A faster one would bend and
+# stretch what is around it, which would then spring back.
+QUICK, SLOW, UNLIMITED = wp.constant(3.0), wp.constant(0.5), wp.constant(1.0e9)
+
+
+@wp.struct
+class Apart:
+    """How an overlap separates in a substep: by `most` [m], or beyond `small` [m] by `slow` [m] without a velocity."""
+
+    most: float
+    small: float
+    slow: float
 
 
 @wp.func
-def pace(collider: ColliderMotion, step: Step) -> float:
-    """Return how far an overlap may separate in a substep [m]; unlimited for a compliant collider."""
-    return wp.where(collider.compliance > 0.0, 1.0e9, SEPARATION * step.effective)
+def overlapped(ctx: Context) -> bool:
+    """Return True if the body still overlapped a collider in the last substep, after it was placed so."""
+    return ctx.state.contact.overlaps_in[2 * ctx.body.index + (ctx.substep + 1) % 2] == ctx.substep
+
+
+@wp.func
+def pace(collider: ColliderMotion, ctx: Context) -> Apart:
+    """Return how overlaps with a collider separate in a substep; of a compliant one they are no error.
+
+    A thing may have been placed so in a frame before which anything was changed, but not between two that pinch it.
+    """
+    apart = Apart()
+    apart.most = QUICK * ctx.step.effective
+    apart.slow = SLOW * ctx.step.effective
+    apart.small = UNLIMITED
+    if collider.squeeze == 0.0:
+        if overlapped(ctx):
+            apart.small = NOISE  # the rest of an overlap
+        elif ctx.substep == 0 and ctx.frame.wakes > 0:
+            apart.small = SMALL * ctx.material.thickness
+    if collider.compliance > 0.0:
+        apart.most = UNLIMITED
+        apart.small = UNLIMITED
+    return apart
+
+
+@wp.func
+def separated(overlap: float, apart: Apart) -> float:
+    """Return the part of an overlap [m] that separates in a substep without a velocity [m]."""
+    return wp.where(overlap > apart.small, wp.min(overlap, apart.slow), 0.0)

@@ -9,6 +9,8 @@ rest turns towards where it is bent. A Newton step a substep follows that.
 import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
+from cloth_sim_ros.sim.arrays.model import Body, Model
+from cloth_sim_ros.sim.arrays.state import Material
 from cloth_sim_ros.sim.features.twist.arrays import Twist, TwistState
 from cloth_sim_ros.sim.physics.twist import half_binormal, rest_turn
 
@@ -20,12 +22,12 @@ LATE = wp.constant(-1.0)
 
 
 @wp.func
-def stiffness_of(j: int, ctx: Context) -> float:
+def stiffness_of(j: int, m: Model, body: Body, material: Material) -> float:
     """Torsional stiffness [N m] between the middles of segments j and j + 1; clamped segments do not twist."""
-    k, last = ctx.body.segments + j, ctx.body.count - 2
-    length = wp.where(j > 0, ctx.model.segment_length[k], 0.0)
-    length += wp.where(j + 1 < last, ctx.model.segment_length[k + 1], 0.0)
-    return 2.0 / (length * ctx.material.compliance[1])
+    k, last = body.segments + j, body.count - 2
+    length = wp.where(j > 0, m.segment_length[k], 0.0)
+    length += wp.where(j + 1 < last, m.segment_length[k + 1], 0.0)
+    return 2.0 / (length * material.compliance[1])
 
 
 @wp.func
@@ -108,7 +110,7 @@ def make_spread(tangent_at, tangent_before):
             # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
-            stiff_after = stiffness_of(j, ctx) * (1.0 + gamma)
+            stiff_after = stiffness_of(j, ctx.model, ctx.body, ctx.material) * (1.0 + gamma)
             twisted = s.twisted[k + 1].angle - s.twisted[k].angle
             if gamma > 0.0:
                 twisted -= gamma / (1.0 + gamma) * twist_before(k, s)
@@ -162,7 +164,7 @@ def make_bend_joints(tangent_at, tangent_before):
                 angle = s.twisted[k + 1].angle - s.twisted[k].angle
                 if gamma > 0.0:
                     angle += gamma * (angle - twist_before(k, s))
-                moment = stiffness_of(j, ctx) * angle
+                moment = stiffness_of(j, ctx.model, ctx.body, ctx.material) * angle
             s.twisted[k].couple = moment * half_binormal(before, after)
             if j > 0:
                 length += ctx.model.segment_length[k]
