@@ -137,7 +137,8 @@ def work_on(
     """The part of thread t of the work [J] done on body b in the frame, by all that did work on a particle.
 
     starts, start_velocities: of particles when the frame began. It takes the mean forces of hands and colliders over
-    the frame, and a bound for the air. A stroke is short, so a collider's force goes with its own way too.
+    the frame, and a bound for the air. A soft collider gives back what it took, so its force goes with the body's own
+    way too.
     """
     s, body, colliders = a.state, a.model.bodies[b], a.colliders.shape[0]
     work = float(0.0)
@@ -156,7 +157,7 @@ def work_on(
                 sweep = sweep_collider(a.colliders[c], 0.0, 1.0)
                 start = xyz(load_row(starts, g)) - sweep.position
                 slip = wp.transpose(sweep.to_local) * slip_of(start, move, sweep)
-                own = wp.where(a.model.segment_length.shape[0] > 0, 0.0, wp.dot(move, force))
+                own = wp.where(a.colliders[c].compliance > 0.0, wp.dot(move, force), 0.0)
                 work += wp.max(0.0, wp.max(own, wp.dot(move - slip, force)))
     if s.air.panel_forces.shape[0] > 0:
         for p in range(body.panels + t, body.panels_end, width):
