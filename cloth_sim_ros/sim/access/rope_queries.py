@@ -10,8 +10,8 @@ import warp as wp
 
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.access.queries import Queries
-from cloth_sim_ros.sim.access.tension import Tensions, read_tensions
-from cloth_sim_ros.sim.access.wrench import EndWrenches, read_wrenches
+from cloth_sim_ros.sim.access.tension import Tensions
+from cloth_sim_ros.sim.access.wrench import EndWrenches
 from cloth_sim_ros.sim.engine.batch import Batch
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds
 from cloth_sim_ros.sim.scene.objects import Rope, check_lengths
@@ -38,7 +38,9 @@ class Ropes(Queries):
         Rigid segments have tensions too. A tension is below 0 for a compressed segment, and 0 for a segment on a winch.
         Raises ValueError for a cloth.
         """
-        return read_tensions(self._rope_batch(name), name, self._bodies.one(world))
+        out = wp.zeros((len(self._bodies.topology(name).masses), 1), dtype=float, device=self._bodies.warp_device)
+        self.tensions_into(out, 0, name, world).launch()
+        return out.numpy()[:-1, 0].copy()
 
     def tensions_into(self, out: wp.array, column: int, name: str, world: int = 0) -> Tensions:
         """Return an object whose launch() writes the tensions of a rope into a column of a device array.
@@ -91,7 +93,9 @@ class Ropes(Queries):
         on count, with their weight. With a clamp of two particles the torque is the clamping moment. A free end has no
         load. Raises ValueError for a cloth.
         """
-        return read_wrenches(self._rope_batch(name), name, self._bodies.one(world))
+        out = wp.zeros((2, 6), dtype=float, device=self._bodies.warp_device)
+        self.end_wrenches_into(out, name, world).launch()
+        return out.numpy().copy()
 
     def end_wrenches_into(self, out: wp.array, name: str, world: int = 0) -> EndWrenches:
         """Return an object that writes the end wrenches of a rope into a device array (2, 6) float.

@@ -107,10 +107,3 @@ def _springs_of(batch: Batch, b: int, segments: int) -> np.ndarray:
     rows = np.zeros(segments, dtype=np.int32)
     rows[np.minimum(nodes, others)[there]] = first + there
     return rows
-
-
-def read_tensions(batch: Batch, name: str, world: int) -> np.ndarray:
-    """Tensions (S,) float32 [N] of the segments of a rope in one world."""
-    out = wp.zeros((1, batch.counts[batch.index[name]], 1), dtype=float, device=batch.device)
-    Tensions(batch, name, world, out, 0).launch()
-    return out.numpy()[0, :-1, 0].copy()

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.access.tension import Tensions, edge_at, is_held
@@ -115,13 +114,3 @@ class EndWrenches:
         """Compute the wrenches from the current state."""
         self._tensions.launch()
         self._command.launch()
-
-
-def read_wrenches(batch: Batch, name: str, world: int) -> np.ndarray:
-    """Wrenches (2, 6) float32 on the supports of a rope's start, then its end.
-
-    Each is force [N], then torque [N m] about the end particle.
-    """
-    out = wp.zeros((2, 6), dtype=float, device=batch.device)
-    EndWrenches(batch, name, world, out).launch()
-    return out.numpy().copy()
