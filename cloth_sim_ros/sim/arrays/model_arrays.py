@@ -20,6 +20,11 @@ from cloth_sim_ros.sim.topology.springs import Elements
 from cloth_sim_ros.sim.topology.tears import at_triangles, under_bends
 
 _NOT_ROWS = ("bodies", "groups", "plate_strides", "curve_width", "tear_offsets")
+# Field of Body, where a body's part of this array begins; FIELD_end is where it ends.
+_PARTS = {
+    "lines": "line_nodes", "segments": "segment_length", "panels": "panels", "constraints": "constraint_ends",
+    "curves": "curve_corners",
+}  # fmt: skip
 
 
 class ModelArrays:
@@ -54,54 +59,41 @@ class ModelArrays:
 
     def add(self, topology: Topology) -> None:
         """Append one body."""
-        first = self.particles
+        begin, groups, first = dict(self.size), len(self.groups), self.particles
         self.particles += len(topology.masses)
         self._append("rest", topology.rest)
-        groups = len(self.groups)
-        first_line = self.size["line_nodes"]
         self._add_lines(topology)
-        groups_end = len(self.groups)
-        segments = self._add_chain(topology)
-        panels = self._add_panels(topology)
-        incident_springs, incident_width = (
-            self._add_incident_springs(topology) if self._with_incident_springs else (0, 0)
-        )
-        curves = self.size["curve_corners"]
-        plate, plate_width = self._add_plate(topology, first)
-        constraints = self._add_constraints(topology)
+        self._add_chain(topology)
+        self._add_panels(topology)
+        incident_width = self._add_incident_springs(topology) if self._with_incident_springs else 0
+        if topology.plate is not None:
+            self._add_plate(topology.plate, first, len(topology.masses))
+        self._add_constraints(topology)
         if topology.tear_strain > 0.0:
-            self._add_tear_offsets(topology, panels)
+            self._add_tear_offsets(topology, begin["panels"])
         body = {
             "index": len(self.bodies),
             "spacing": topology.spacing,
             "particles": first,
             "count": len(topology.masses),
             "groups": groups,
-            "groups_end": groups_end,
-            "lines": first_line,
-            "lines_end": self.size["line_nodes"],
+            "groups_end": len(self.groups),
             "line_damping": 1.0 if topology.coupling is None else topology.coupling.softness,
             "line_rate": 0.0 if topology.coupling is None else topology.coupled_rate,
-            "segments": segments,
-            "segments_end": self.size["segment_length"],
-            "panels": panels,
-            "panels_end": self.size["panels"],
-            "constraints": constraints,
-            "constraints_end": self.size["constraint_ends"],
-            "incident_springs": incident_springs,
+            "incident_springs": begin["incident_springs"],
             "incident_width": incident_width,
-            "plate": plate,
-            "plate_width": plate_width,
+            "plate": begin["plate_weights"],
+            "plate_width": 0 if topology.plate is None else topology.plate.neighbours.shape[1],
             "plate_rate": topology.plate_rate,
-            "curves": curves,
-            "curves_end": self.size["curve_corners"],
             "yielding": 1.0 / float(topology.masses.sum()),
             "is_rope": not len(topology.triangles),
             "pinned": bool(topology.pinned.any()),
             "gap": topology.widest_gap,
         }
-        begin = self.stitches[-1].stop if self.stitches else 0
-        self.stitches.append(slice(begin, begin + sum(len(each.shares) for each in topology.stitches)))
+        for name, array in _PARTS.items():
+            body |= {name: begin[array], f"{name}_end": self.size[array]}
+        stitched = self.stitches[-1].stop if self.stitches else 0
+        self.stitches.append(slice(stitched, stitched + sum(len(each.shares) for each in topology.stitches)))
         self.bodies.append(body)
 
     def _add_lines(self, topology: Topology) -> None:
@@ -181,16 +173,12 @@ class ModelArrays:
             self._append("panel_needs", (parts.needs + first_panel).ravel())
             self._append("curve_panels", parts.curves + first_panel)
 
-    def _add_plate(self, topology: Topology, first: int) -> tuple[int, int]:
-        """Add the plate operator of a body with first particle `first`; return offset and neighbours per particle."""
-        plate = topology.plate
-        if plate is None:
-            return 0, 0
-        rows = (plate.neighbours, plate.weights) if self._lanes else (plate.neighbours.T, plate.weights.T)
-        self._append("plate_neighbours", rows[0].ravel())
+    def _add_plate(self, plate: Plate, first: int, count: int) -> None:
+        """Add the plate operator of a body of `count` particles, the first of which is `first`."""
+        for name, rows in (("plate_neighbours", plate.neighbours), ("plate_weights", plate.weights)):
+            self._append(name, (rows if self._lanes else rows.T).ravel())
         if plate.stencil is not None:
-            self._add_curves(plate, first, len(topology.masses))
-        return self._append("plate_weights", rows[1].ravel()), plate.neighbours.shape[1]
+            self._add_curves(plate, first, count)
 
     def _add_curves(self, plate: Plate, first: int, count: int) -> None:
         """Add a body's triangles that are curved at rest, and the list of those around each particle."""
@@ -211,25 +199,22 @@ class ModelArrays:
         self._append("curve_start", np.full(first - self.size["curve_start"], self.size["curve_entries"]))
         self._append_around("curve_start", "curve_entries", particles, entries, count)
 
-    def _add_chain(self, topology: Topology) -> int:
-        """Add the segments and joints of a directly solved rope; return the offset of the segments."""
-        start = self.size["segment_length"]
+    def _add_chain(self, topology: Topology) -> None:
+        """Add the segments and joints of a directly solved rope."""
         if topology.chain is not None:
             self._append("segment_length", topology.chain.rest)
             if topology.bends is not None:
                 bends = topology.bends
                 joints = np.column_stack([bends.rest, bends.scale, topology.bend_weights])
                 self._append("joints", np.concatenate([joints, np.zeros((1, 4))]))
-        return start
 
-    def _add_panels(self, topology: Topology) -> int:
+    def _add_panels(self, topology: Topology) -> None:
         start = self._append("panels", topology.panels)
         parts = np.full((len(topology.panels), 2), len(self.bodies))
         parts[:, 1] = _own_parts(topology.panels)
         self._append("panel_parts", parts)
         panel = np.repeat(np.arange(len(topology.panels)), 3) + start
         self._append_around("panel_start", "particle_panels", topology.panels.ravel(), panel, len(topology.masses))
-        return start
 
     def _append_around(self, starts: str, entries: str, particles: np.ndarray, values: np.ndarray, count: int) -> None:
         """Append the `values` around each of `count` particles; particle -1 is none."""
@@ -239,8 +224,8 @@ class ModelArrays:
         offset = self._append(entries, values[order])
         self._append(starts, offset + np.cumsum(counts) - counts)
 
-    def _add_constraints(self, topology: Topology) -> int:
-        """Add the constraints between two particles of a body; return their offset."""
+    def _add_constraints(self, topology: Topology) -> None:
+        """Add the constraints between two particles of a body."""
         start, given = self.size["constraint_ends"], topology.constraints
         if given is not None:
             self._append("constraint_ends", given.particles)
@@ -250,10 +235,9 @@ class ModelArrays:
             signed = np.outer(1 + start + np.arange(len(ends)), (1, -1)).ravel()
             around = given.particles.ravel()
             self._append_around("constraint_start", "constraint_entries", around, signed, len(topology.masses))
-        return start
 
-    def _add_incident_springs(self, topology: Topology) -> tuple[int, int]:
-        """Add a body's incident springs; return their offset and the most springs around one particle."""
+    def _add_incident_springs(self, topology: Topology) -> int:
+        """Add a body's incident springs; return the most springs around one particle."""
         count, springs = len(topology.masses), topology.springs
         pairs = np.concatenate([e.particles for e in springs.values()])
         # Rest lengths that differ by rounding are one type, so that the few types of a grid stay in the nearest cache.
@@ -273,7 +257,8 @@ class ModelArrays:
         incident_springs = np.full((degree.max(), count, 2), start)
         incident_springs[:, :, 0] = np.arange(count)
         incident_springs[slot, hub] = np.stack([rim, types], 1)
-        return self._append("incident_springs", incident_springs.reshape(-1, 2)), int(degree.max())
+        self._append("incident_springs", incident_springs.reshape(-1, 2))
+        return int(degree.max())
 
     def joined(self, name: str) -> np.ndarray:
         """The rows of an array in Model of all bodies, in NumPy."""
