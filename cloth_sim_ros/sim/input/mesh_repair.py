@@ -82,7 +82,7 @@ def count_t_junctions(points: np.ndarray, triangles: np.ndarray) -> int:
 
     0 for a border of more edges than _MOST_OPEN, as each is tested against each.
     """
-    edges, count, _ = _edges(triangles, len(points))
+    edges, count, _ = edges_of(triangles, len(points))
     edges = edges[count == 1]
     if len(edges) > _MOST_OPEN:
         return 0
@@ -121,7 +121,7 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
 def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: float) -> tuple[np.ndarray, int]:
     """`label` (N,), where vertices on open edges of `triangles` that are within `near` have the lowest of theirs, and
     at how many edges they have not, as more than two triangles would meet there."""
-    edges, count, _ = _edges(triangles, len(points))
+    edges, count, _ = edges_of(triangles, len(points))
     border = np.unique(edges[count == 1])
     if not len(border):
         return label, 0
@@ -133,7 +133,7 @@ def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: 
     welded[border[order]] = border[order[begins]][np.cumsum(begins) - 1]
     if (count == 1).all():  # triangles without numbers in common: only places say what belongs together
         return welded[label], 0
-    joined, number, _ = _edges(_distinct(welded[triangles]), len(points))
+    joined, number, _ = edges_of(_distinct(welded[triangles]), len(points))
     crowded = joined[number > 2]
     apart = np.isin(welded, crowded)
     welded[apart] = np.flatnonzero(apart)
@@ -151,13 +151,13 @@ def _carries(points: np.ndarray, triangles: np.ndarray, shortest: float) -> np.n
     of_others = np.zeros(len(points), bool)
     of_others[triangles[has_area]] = True
     kept = has_area | of_others[triangles].all(axis=1)
-    _, count, of = _edges(triangles[kept], len(points))
+    _, count, of = edges_of(triangles[kept], len(points))
     between = np.zeros(len(triangles), bool)
     between[kept] = (count[of] == 2).reshape(3, -1).all(axis=0)
     return has_area | between
 
 
-def _edges(triangles: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def edges_of(triangles: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Edges (E, 2), how many triangles each has (E,), and which are the first, second and third of all triangles."""
     ways = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
     keys, of, count = np.unique(ways.min(axis=1) * points + ways.max(axis=1), return_inverse=True, return_counts=True)

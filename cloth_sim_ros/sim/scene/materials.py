@@ -231,10 +231,15 @@ _FOLLOWERS = {
 }
 
 
-def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    """The area [m^2] of `triangles` (T, 3) over `vertices` (N, 3) [m]."""
+def areas_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Areas (T,) [m^2] of `triangles` (T, 3) over `vertices` (N, 3) [m]."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    """The area [m^2] of all `triangles` (T, 3) over `vertices` (N, 3) [m]."""
+    return float(areas_of(vertices, triangles).sum())
 
 
 def rope_fields(name: str, length: float, radius: float | None = None) -> dict[str, Any]:

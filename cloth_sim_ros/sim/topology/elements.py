@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.sim.input.mesh_repair import edges_of
 from cloth_sim_ros.sim.topology.frequencies import Frequencies
 from cloth_sim_ros.sim.topology.lines import Family, families, rounds
 from cloth_sim_ros.sim.topology.membrane import Coupling
@@ -192,8 +193,7 @@ class Topology:
         if spread[2] > 1e-6 * spread[0]:
             return 0.0
         flat = (self.layout - middle) @ axes[:2].T
-        edges = np.sort(np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)]), axis=1)
-        found, times = np.unique(edges, axis=0, return_counts=True)
+        found, times, _ = edges_of(self.triangles, len(flat))
         starts, ways = flat[found[times == 1, 0]], np.diff(flat[found[times == 1]], axis=1)[:, 0]
         normals = np.column_stack([-ways[:, 1], ways[:, 0]]) / np.linalg.norm(ways, axis=1, keepdims=True)
         off = flat @ normals.T - (starts * normals).sum(axis=1)  # of each particle, from each edge of the outline

@@ -58,11 +58,6 @@ def in_lanes(family: Family, springs: Elements) -> Rows:
     return _rows(springs, table, parts)
 
 
-def packed(family: Family, slots: int) -> list[list[int]]:
-    """The lines of each row of a family, if each thread of a warp holds `slots` particles: as many as find room."""
-    return _packed((family.particles >= 0).sum(1), WARP * slots)
-
-
 def in_warps(family: Family, springs: Elements, slots: int, rows: list[list[int]]) -> Rows:
     """The lines of each row one behind the other along the threads of a warp, `slots` particles each."""
     room, table, parts = WARP * slots, [], []
@@ -80,8 +75,12 @@ def in_warps(family: Family, springs: Elements, slots: int, rows: list[list[int]
     return _rows(springs, table, parts)
 
 
-def _packed(lengths: np.ndarray, room: int) -> list[list[int]]:
-    """Lines in rows of at most `room` particles: each into the first that has room, longest first."""
+def packed(family: Family, slots: int) -> list[list[int]]:
+    """The lines of each row of a family, if each thread of a warp holds `slots` particles.
+
+    Each goes into the first row that has room, longest first.
+    """
+    lengths, room = (family.particles >= 0).sum(1), WARP * slots
     rows: list[list[int]] = []
     left: list[int] = []
     opened = 0  # rows before it are full

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from cloth_sim_ros.sim.input.mesh_repair import edges_of
 from cloth_sim_ros.sim.physics.quaternion import rotate
+from cloth_sim_ros.sim.scene.materials import areas_of
 from cloth_sim_ros.sim.scene.objects import Cloth
 from cloth_sim_ros.sim.topology import membrane, plate
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
@@ -18,14 +20,14 @@ def of_mesh(cloth: Cloth, name: str) -> Topology:
     Raises ValueError if a vertex has no triangle with an area, or an edge more than two triangles.
     """
     points, triangles = cloth.vertices, cloth.triangles
-    areas = _areas(points, triangles)
+    areas = areas_of(points, triangles)
     lumped = np.bincount(triangles.ravel(), np.repeat(areas, 3), minlength=len(points))
     if lumped.min() <= 0.0:
         raise ValueError(
             f"{name} has vertex {int(lumped.argmin())} in no triangle with an area; allowed are meshes without such"
         )
     masses = cloth.mass * lumped / lumped.sum()
-    edges, opposite, area = _edges(triangles, areas, name)
+    edges, opposite, area = _edges(triangles, areas, len(points), name)
     length = np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1)
     coupling = None
     if cloth.shear_compliance is None or cloth.tear_strain > 0.0:
@@ -96,31 +98,21 @@ def _moduli(cloth: Cloth) -> membrane.Moduli:
     return membrane.Moduli(warp, warp / cloth.weft_over_warp, 1.0 / cloth.shear_compliance, cloth.poisson)
 
 
-def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Areas (T,) [m^2] of triangles."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-
-def _edges(triangles: np.ndarray, areas: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _edges(
+    triangles: np.ndarray, areas: np.ndarray, count: int, name: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unique edges (E, 2), the vertices opposite (E, 2) with -1 beyond a border, and the area of both triangles (E,).
 
-    Raises ValueError where an edge has more than two triangles.
+    count: of vertices. Raises ValueError where an edge has more than two triangles.
     """
-    half = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    third = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
-    area = np.tile(areas, 3)
-    edges, inverse, count = np.unique(np.sort(half, axis=1), axis=0, return_inverse=True, return_counts=True)
-    inverse = inverse.ravel()
-    if count.max() > 2:
-        a, b = edges[count.argmax()]
+    edges, times, of = edges_of(triangles, count)
+    if times.max() > 2:
+        a, b = edges[times.argmax()]
         raise ValueError(
-            f"{name} has {count.max()} triangles at edge {a}-{b}; allowed are meshes with at most 2 an edge"
+            f"{name} has {times.max()} triangles at edge {a}-{b}; allowed are meshes with at most 2 an edge"
         )
-    order = np.argsort(inverse, kind="stable")
-    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    third = np.roll(triangles, 1, axis=1).T.ravel()[np.argsort(of, kind="stable")]
+    start, two = np.cumsum(times) - times, times == 2
     opposite = np.full((len(edges), 2), -1)
-    opposite[:, 0] = third[order[start]]
-    two = count == 2
-    opposite[two, 1] = third[order[start[two] + 1]]
-    return edges, opposite, np.bincount(inverse, area, minlength=len(edges))
+    opposite[:, 0], opposite[two, 1] = third[start], third[start[two] + 1]
+    return edges, opposite, np.bincount(of, np.tile(areas, 3), minlength=len(edges))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cloth_sim_ros.sim.input.mesh_repair import edges_of
 from cloth_sim_ros.sim.scene.seams import Seam
 from cloth_sim_ros.sim.topology.elements import Stitches, Topology
 
@@ -65,7 +66,10 @@ def _line(topology: Topology, seam: Seam, name: str, particles: Sequence[int], t
         raise ValueError(f"{name} has {max(particles)}; allowed is 0 to {most}, those of {thing}")
     if seam.points:
         return np.array(particles)
-    edges, border = _edges(topology.panels)
+    edges, border = topology.panels[:, :2], slice(None)
+    if len(topology.triangles):
+        edges, count, _ = edges_of(topology.triangles, most + 1)
+        border = count == 1
     ways = [_neighbours(edges[border], topology), _neighbours(edges, topology)]
     found = [particles[0]]
     for begin, end in zip(particles[:-1], particles[1:], strict=True):
@@ -74,15 +78,6 @@ def _line(topology: Topology, seam: Seam, name: str, particles: Sequence[int], t
             raise ValueError(f"{name} has {begin}, then {end}; allowed are two particles that edges of {thing} join")
         found += path[1:]
     return np.array(found)
-
-
-def _edges(panels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (E, 2) of triangles or segments (P, 3), and (E,) True for those of one panel alone."""
-    if (panels[:, 2] < 0).all():
-        return panels[:, :2], np.ones(len(panels), bool)
-    sides = np.concatenate([panels[:, [k, (k + 1) % 3]] for k in range(3)])
-    edges, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-    return edges, count == 1
 
 
 def _neighbours(edges: np.ndarray, topology: Topology) -> dict[int, list[tuple[int, float]]]:
