@@ -12,7 +12,7 @@ import warp as wp
 from cloth_sim_ros.sim.access.loads import Loads
 from cloth_sim_ros.sim.access.rope_queries import Ropes
 from cloth_sim_ros.sim.arrays.poses import Motions, checked_poses
-from cloth_sim_ros.sim.arrays.writing import are_bad
+from cloth_sim_ros.sim.arrays.writing import are_bad, view_of
 from cloth_sim_ros.sim.input.checks import names_of, on_host
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.scene.objects import Rope
@@ -207,12 +207,4 @@ def _view(rows: wp.array, offset: int, shape: tuple[int, ...], dtype: type, inne
     """
     number = wp.types.type_size_in_bytes(dtype)
     strides = {0: (), 1: (number,), 2: (inner, number)}[len(shape)]
-    view = wp.array(
-        ptr=rows.ptr + offset,
-        shape=(rows.shape[0], *shape),
-        strides=(rows.strides[0], *strides),
-        dtype=dtype,
-        device=rows.device,
-    )
-    view._ref = rows  # keeps its memory
-    return view
+    return view_of(rows, rows.ptr + offset, (rows.shape[0], *shape), dtype, (rows.strides[0], *strides))

@@ -116,12 +116,18 @@ def are_bad(values: wp.array, limit: float, chosen: wp.array) -> bool:
     return bool(bad.numpy()[0])
 
 
+def view_of(
+    owner: wp.array, place: int, shape: tuple[int, ...], dtype: type, strides: tuple[int, ...] | None = None
+) -> wp.array:
+    """View of the memory of an array from an address on, which keeps it. strides [bytes]: None is contiguous."""
+    view = wp.array(ptr=place, shape=shape, strides=strides, dtype=dtype, device=owner.device)
+    view._ref = owner
+    return view
+
+
 def words_of(rows: wp.array) -> wp.array:
     """View (worlds, words) of a contiguous, not empty array (worlds, size) of any type."""
-    each = rows.strides[0] // 4
-    view = wp.array(ptr=rows.ptr, shape=(rows.shape[0], each), dtype=wp.uint32, device=rows.device)
-    view._ref = rows  # keeps its memory
-    return view
+    return view_of(rows, rows.ptr, (rows.shape[0], rows.strides[0] // 4), wp.uint32)
 
 
 def clear(rows: wp.array, span: slice, chosen: wp.array) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.sim.arrays.writing import view_of
 from cloth_sim_ros.sim.features.collider_contact.arrays import BY_COLLIDER, words_of
 
 _MANY = 0.25  # share of colliders from which on it is faster to copy all than those listed alone
@@ -58,9 +59,7 @@ class Saved:
         """The copy of an array of the state."""
         array = self._parts[name]
         place = self._copy.ptr + array.ptr - self._state.ptr
-        found = wp.array(ptr=place, shape=array.shape, dtype=array.dtype, device=self.device)
-        found._ref = self._copy
-        return found
+        return view_of(self._copy, place, array.shape, array.dtype)
 
     def _listed(self) -> np.ndarray:
         """(K,) bool: colliders that any body lists; all of them where they are many."""

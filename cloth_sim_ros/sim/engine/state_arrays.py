@@ -15,6 +15,7 @@ from cloth_sim_ros.sim.arrays.masses import BYTES_A_PARTICLE
 from cloth_sim_ros.sim.arrays.model import Counts, Features
 from cloth_sim_ros.sim.arrays.model_arrays import ModelArrays
 from cloth_sim_ros.sim.arrays.state import State
+from cloth_sim_ros.sim.arrays.writing import view_of
 from cloth_sim_ros.sim.executors import arrays as trial
 from cloth_sim_ros.sim.features.air import arrays as air
 from cloth_sim_ros.sim.features.collider_contact import arrays as contact
@@ -90,8 +91,7 @@ def make_states(
     found = {}
     for (name, size), start in zip(sizes.items(), [0, *ends[:-1]], strict=True):
         place = buffer.ptr + int(start) * _ALIGNED
-        found[name] = wp.array(ptr=place, shape=(worlds, size), dtype=dtypes[name], device=device)
-        found[name]._ref = buffer  # a view of an array may outlive the batch
+        found[name] = view_of(buffer, place, (worlds, size), dtypes[name])  # may outlive the batch
     return buffer, found
 
 
