@@ -127,14 +127,11 @@ class SignedDistance(Collider):
                 values, origin, spacing = (np.asarray(arrays[name], np.float64) * scale for name in _IN_FILE)
         except FileNotFoundError:
             raise ValueError(f"{wrong}; {absent(path, f'.npz, {FORMATS}')}") from None
-        except ValueError as error:
+        except Exception as error:  # whatever NumPy and zipfile raise, the user gets one sentence
             if wrong in str(error):
                 raise
-            raise ValueError(f"{wrong}, which cannot be read: {error}") from None
-        except BadZipFile:
-            raise ValueError(f"{wrong}, which cannot be read: it is no .npz file of numbers") from None
-        except Exception as error:  # whatever NumPy and zipfile raise, the user gets one sentence
-            raise ValueError(f"{wrong}, which cannot be read: {error}") from None
+            why = "it is no .npz file of numbers" if isinstance(error, BadZipFile) else error
+            raise ValueError(f"{wrong}, which cannot be read: {why}") from None
         spacing = spacing.item() if spacing.size == 1 else tuple(spacing.ravel().tolist())
         return cls(values=values, origin=tuple(origin.ravel().tolist()), spacing=spacing, **fields)
 
