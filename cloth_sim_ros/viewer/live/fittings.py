@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from trimesh.creation import cylinder, icosphere
+from trimesh.util import concatenate
 
 STEEL_DENSITY = 7800.0  # [kg/m^3] of a load
 DRUM = (0.1, 0.16)  # [m] radius and width
@@ -44,10 +45,8 @@ class Fittings:
             parts.append((count - 1, icosphere(3, (3.0 * load / (4.0 * np.pi * STEEL_DENSITY)) ** (1.0 / 3.0))))
         sizes = [len(part.vertices) for _, part in parts]
         self._of = np.repeat([k for k, _ in parts], sizes).astype(int)
-        self._corners = np.concatenate([part.vertices for _, part in parts]) if parts else np.zeros((0, 3))
-        firsts = np.cumsum([0, *sizes])
-        faces = [part.faces + first for (_, part), first in zip(parts, firsts[:-1], strict=True)]
-        self.faces = np.concatenate(faces) if parts else np.zeros((0, 3), int)
+        whole = concatenate([part for _, part in parts])
+        self._corners, self.faces = np.asarray(whole.vertices), np.asarray(whole.faces)
 
     def vertices(self, positions: np.ndarray) -> np.ndarray:
         """Vertices (V, 3) [m] for particles at `positions` (N, 3) [m]."""
@@ -68,6 +67,5 @@ def hand(size: float) -> tuple[np.ndarray, np.ndarray]:
     palm.apply_scale((0.45, 0.75, 0.62))
     palm.apply_translation((0.0, 0.0, 1.75))
     meshes += [palm, wrist]
-    firsts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = np.concatenate([mesh.faces + first for mesh, first in zip(meshes, firsts[:-1], strict=True)])
-    return size * np.concatenate([mesh.vertices for mesh in meshes]), faces
+    whole = concatenate(meshes)
+    return size * np.asarray(whole.vertices), np.asarray(whole.faces)
