@@ -58,10 +58,10 @@ class _File:
         self.file.nodes.append(gltf.Node(name=name, mesh=len(self.file.meshes) - 1))
         return len(self.file.nodes) - 1
 
-    def animate(self, node: int, path: str, times: int, values: int, interpolation: str = gltf.ANIM_LINEAR) -> None:
+    def animate(self, node: int, path: str, times: int, values: int) -> None:
         """A node's `path` (weights, translation or rotation) has these values at these times, both accessors."""
         motion = self.file.animations[0]
-        motion.samplers.append(gltf.AnimationSampler(input=times, output=values, interpolation=interpolation))
+        motion.samplers.append(gltf.AnimationSampler(input=times, output=values, interpolation=gltf.ANIM_LINEAR))
         target = gltf.AnimationChannelTarget(node=node, path=path)
         motion.channels.append(gltf.AnimationChannel(sampler=len(motion.samplers) - 1, target=target))
 

@@ -66,25 +66,18 @@ def stable_substeps(system: SpringSystem, frame_dt: float) -> int:
 
 
 def exact_frames(
-    system: SpringSystem,
-    x: np.ndarray,
-    v: np.ndarray,
-    frame_dt: float,
-    frames: int,
-    tolerance: float,
-    step: Step = runge_kutta_4,
-    substeps: int | None = None,
+    system: SpringSystem, x: np.ndarray, v: np.ndarray, frame_dt: float, frames: int, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The exact motion: positions and velocities (frames + 1, N, 3) to better than `tolerance` / 100 [m].
 
-    `step` from `substeps` a frame on, which are doubled until the positions change by less than tolerance / 100; the
-    finer run is returned. Raises ArithmeticError when six halvings were not enough, as in a chaotic motion.
+    By runge_kutta_4. Substeps are doubled until the positions change by less than tolerance / 100; the finer run is
+    returned. Raises ArithmeticError when six halvings were not enough, as in a chaotic motion.
     """
-    substeps = substeps or stable_substeps(system, frame_dt)
-    coarse = frames_by(step, system, x, v, frame_dt, frames, substeps)
+    substeps = stable_substeps(system, frame_dt)
+    coarse = frames_by(runge_kutta_4, system, x, v, frame_dt, frames, substeps)
     for _ in range(6):
         substeps *= 2
-        fine = frames_by(step, system, x, v, frame_dt, frames, substeps)
+        fine = frames_by(runge_kutta_4, system, x, v, frame_dt, frames, substeps)
         if np.abs(fine[0] - coarse[0]).max() < tolerance / 100.0:
             return fine
         coarse = fine

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +20,7 @@ import warp as wp
 
 from cloth_sim_ros.study.cases import FRAME_DT
 from cloth_sim_ros.study.springs import SpringSystem
+from cloth_sim_ros.study.timing import milliseconds
 
 if TYPE_CHECKING:
     from cloth_sim_ros.study.contenders import Run
@@ -162,19 +162,10 @@ def pypbd(run: Run) -> Frames:
 
 
 def record(step: Callable, positions: Callable, start: np.ndarray, frames: int, device: wp.Device) -> Frames:
-    """Frames and times of `step`, measured as study/timing.py measures the product's."""
+    """Frames and times of `step`."""
     found, times = [start], []
-    stream = wp.get_stream(device) if device.is_cuda else None
     for _ in range(frames):
-        if stream is not None:
-            begun = stream.record_event(wp.Event(device, enable_timing=True))
-            step()
-            ended = stream.record_event(wp.Event(device, enable_timing=True))
-            times.append(wp.get_event_elapsed_time(begun, ended))
-        else:
-            begun = time.perf_counter()
-            step()
-            times.append(1e3 * (time.perf_counter() - begun))
+        times.append(milliseconds(step, device))
         found.append(np.array(positions(), dtype=np.float64))
         if not np.isfinite(found[-1]).all():  # nothing comes back from there
             found += [found[-1]] * (frames + 1 - len(found))

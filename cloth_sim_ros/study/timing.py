@@ -13,26 +13,29 @@ import warp as wp
 from cloth_sim_ros.sim import Simulation
 
 
+def milliseconds(step: Callable[[], None], device: wp.Device) -> float:
+    """Milliseconds that a step takes: on a GPU by CUDA events on its stream, on the CPU by the wall clock."""
+    if not device.is_cuda:
+        begin = time.perf_counter()
+        step()
+        return 1e3 * (time.perf_counter() - begin)
+    stream = wp.get_stream(device)
+    start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
+    stream.record_event(start)
+    step()
+    stream.record_event(end)
+    return wp.get_event_elapsed_time(start, end)  # waits for the device
+
+
 def frame_times(sim: Simulation, frames: int, after: Callable[[], None]) -> np.ndarray:
     """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
 
-    On a GPU by CUDA events on its stream, on the CPU by the wall clock. Each starts on an idle device, so that the way
-    from the host counts. `frame_time` has frames that follow one another.
+    Each starts on an idle device, so that the way from the host counts. `frame_time` has frames that follow one
+    another.
     """
-    device = wp.get_device(sim.device)
-    found = []
+    device, found = wp.get_device(sim.device), []
     for _ in range(frames):
-        if device.is_cuda:
-            start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
-            stream = wp.get_stream(device)
-            stream.record_event(start)
-            sim.step()
-            stream.record_event(end)
-            found.append(wp.get_event_elapsed_time(start, end))  # waits for the device
-        else:
-            begin = time.perf_counter()
-            sim.step()
-            found.append(1e3 * (time.perf_counter() - begin))
+        found.append(milliseconds(sim.step, device))
         after()
     return np.array(found)
 
@@ -43,13 +46,12 @@ def frame_time(sim: Simulation, frames: int) -> float:
     device = wp.get_device(sim.device)
     if not device.is_cuda:
         return float(np.median(frame_times(sim, frames, lambda: None)))
-    stream = wp.get_stream(device)
-    start, end = (wp.Event(device, enable_timing=True) for _ in range(2))
-    stream.record_event(start)
-    for _ in range(frames):
-        sim.step()
-    stream.record_event(end)
-    return wp.get_event_elapsed_time(start, end) / frames
+
+    def run() -> None:
+        for _ in range(frames):
+            sim.step()
+
+    return milliseconds(run, device) / frames
 
 
 def quartiles(numbers: np.ndarray) -> dict[str, float]:
