@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cloth_sim_ros.learn.task import Setup, Task
-from cloth_sim_ros.sim import Cloth, Handle, Plane, Scene, Settings
+from cloth_sim_ros.sim import Cloth, Handle, Plane, Scene
 
 SIDE, PARTICLES = 0.4, 10  # [m], along an edge
 HANDS = {"left": (-0.5 * SIDE, 0.5 * SIDE), "right": (0.5 * SIDE, 0.5 * SIDE)}  # x, y [m] where they begin
@@ -37,7 +37,20 @@ class FoldTowel(Task):
     @staticmethod
     def make() -> Setup:
         """See Task."""
-        return _setup()
+        return Setup(
+            scene=_scene(),
+            thing="towel",
+            hands={name: (*place, _REST) for name, place in HANDS.items()},
+            low=(-0.4, -0.4, _REST),
+            high=(0.4, 0.4, 0.4),
+            step=STEP,
+            frames=FRAMES,
+            horizon=HORIZON,
+            seen=np.arange(PARTICLES**2).reshape(PARTICLES, PARTICLES)[::_SEEN, ::_SEEN].ravel(),
+            size=SIDE,
+            lets_go=False,
+            vary=VARY,
+        )
 
     @cached_property
     def _wanted(self) -> np.ndarray:
@@ -50,24 +63,6 @@ class FoldTowel(Task):
         """See Task."""
         distance = np.linalg.norm(places - self._wanted, axis=2).mean(axis=1)
         return distance, distance < FOLDED
-
-
-def _setup() -> Setup:
-    return Setup(
-        scene=_scene(),
-        settings=Settings(method="xpbd", order=1, substeps=12, iterations=1),
-        thing="towel",
-        hands={name: (*place, _REST) for name, place in HANDS.items()},
-        low=(-0.4, -0.4, _REST),
-        high=(0.4, 0.4, 0.4),
-        step=STEP,
-        frames=FRAMES,
-        horizon=HORIZON,
-        seen=np.arange(PARTICLES**2).reshape(PARTICLES, PARTICLES)[::_SEEN, ::_SEEN].ravel(),
-        size=SIDE,
-        lets_go=False,
-        vary=VARY,
-    )
 
 
 def _scene() -> Scene:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from cloth_sim_ros.learn.task import Setup, Task
-from cloth_sim_ros.sim import Capsule, Cloth, Handle, Plane, Scene, Settings
+from cloth_sim_ros.sim import Capsule, Cloth, Handle, Plane, Scene
 
 LENGTH, WIDTH, ALONG, ACROSS = 0.4, 0.2, 11, 6  # [m] of the towel, and its particles
 PEG = (0.0, 0.0, 0.5)  # [m] its middle; it points along y
@@ -37,50 +37,46 @@ class HangTowel(Task):
     @staticmethod
     def make() -> Setup:
         """See Task."""
-        return _setup()
+        towel = Cloth(
+            resolution=(ACROSS, ALONG),
+            size=(WIDTH, LENGTH),
+            mass=0.05,
+            pins=None,
+            position=(HAND[0], 0.0, HAND[2] - 0.5 * LENGTH),
+            orientation=(0.5, 0.5, 0.5, 0.5),  # upright, its upper edge along y
+            bending="dihedral",
+            stretch_compliance=2e-3,
+            shear_compliance=1e-2,
+            bend_compliance=3e3,
+            damping=2e-3,
+            thickness=0.005,
+        )
+        peg = Capsule(
+            radius=0.02,
+            half_length=0.2,
+            position=PEG,
+            orientation=(_HALF, 0.0, 0.0, _HALF),
+            static_friction=0.6,
+            kinetic_friction=0.5,
+        )
+        floor = Plane(position=(0.0, 0.0, FLOOR))
+        hand = Handle(position=HAND, reach=(0.02, 0.5 * WIDTH, 0.02), attached=True, compliance=1e-3)
+        return Setup(
+            scene=Scene({"towel": towel}, {"peg": peg, "floor": floor}, handles={"hand": hand}),
+            thing="towel",
+            hands={"hand": HAND},
+            low=(-0.3, -0.3, 0.2),
+            high=(0.3, 0.3, 0.9),
+            step=STEP,
+            frames=FRAMES,
+            horizon=HORIZON,
+            seen=np.arange(ACROSS * ALONG).reshape(ALONG, ACROSS)[::3, ::2].ravel(),
+            size=LENGTH,
+            lets_go=True,
+            vary=VARY,
+        )
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Task."""
         distance = np.linalg.norm(places.mean(axis=1) - np.float32(HANGS), axis=1)
         return distance, (distance < NEAR) & (opened[:, 0] >= STAYS)
-
-
-def _setup() -> Setup:
-    towel = Cloth(
-        resolution=(ACROSS, ALONG),
-        size=(WIDTH, LENGTH),
-        mass=0.05,
-        pins=None,
-        position=(HAND[0], 0.0, HAND[2] - 0.5 * LENGTH),
-        orientation=(0.5, 0.5, 0.5, 0.5),  # upright, its upper edge along y
-        bending="dihedral",
-        stretch_compliance=2e-3,
-        shear_compliance=1e-2,
-        bend_compliance=3e3,
-        damping=2e-3,
-        thickness=0.005,
-    )
-    peg = Capsule(
-        radius=0.02,
-        half_length=0.2,
-        position=PEG,
-        orientation=(_HALF, 0.0, 0.0, _HALF),
-        static_friction=0.6,
-        kinetic_friction=0.5,
-    )
-    hand = Handle(position=HAND, reach=(0.02, 0.5 * WIDTH, 0.02), attached=True, compliance=1e-3)
-    return Setup(
-        scene=Scene({"towel": towel}, {"peg": peg, "floor": Plane(position=(0.0, 0.0, FLOOR))}, handles={"hand": hand}),
-        settings=Settings(method="xpbd", order=1, substeps=12, iterations=1),
-        thing="towel",
-        hands={"hand": HAND},
-        low=(-0.3, -0.3, 0.2),
-        high=(0.3, 0.3, 0.9),
-        step=STEP,
-        frames=FRAMES,
-        horizon=HORIZON,
-        seen=np.arange(ACROSS * ALONG).reshape(ALONG, ACROSS)[::3, ::2].ravel(),
-        size=LENGTH,
-        lets_go=True,
-        vary=VARY,
-    )

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from cloth_sim_ros.learn.task import Setup, Task
-from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene, Settings
+from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene
 
 LENGTH, SEGMENTS, RADIUS = 0.9, 36, 0.005  # [m], of the cable
 PEGS = {"first": (0.2, 1), "second": (0.4, -1), "third": (0.6, 1)}  # x [m], and on which side along y the cable goes
@@ -37,7 +37,35 @@ class RouteCable(Task):
     @staticmethod
     def make() -> Setup:
         """See Task."""
-        return _setup()
+        cable = Rope(
+            segments=SEGMENTS,
+            start=(0.0, 0.0, RADIUS),
+            end=HAND,
+            mass=0.05,
+            radius=RADIUS,
+            pins="start",
+            stretch_compliance=1e-4,
+            bend_compliance=2e2,
+            damping=2e-3,
+        )
+        peg = {"radius": _PEG, "half_length": 0.05, "static_friction": 0.3, "kinetic_friction": 0.2}
+        pegs = {name: Capsule(position=(x, 0.0, 0.03), **peg) for name, (x, _) in PEGS.items()}
+        hand = Handle(position=HAND, reach=0.01, attached=True, compliance=2e-2)
+        table = Plane(static_friction=0.5, kinetic_friction=0.3)
+        return Setup(
+            scene=Scene({"cable": cable}, {"table": table, **pegs}, handles={"hand": hand}),
+            thing="cable",
+            hands={"hand": HAND},
+            low=(-0.2, -0.5, RADIUS),
+            high=(0.9, 1.0, 0.1),
+            step=STEP,
+            frames=FRAMES,
+            horizon=HORIZON,
+            seen=np.arange(0, SEGMENTS + 1, 4),
+            size=LENGTH,
+            lets_go=False,
+            vary=VARY,
+        )
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See Task."""
@@ -69,38 +97,3 @@ def route() -> np.ndarray:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     at = np.linspace(0.0, LENGTH, SEGMENTS + 1)
     return np.column_stack([np.interp(at, along, column) for column in corners.T])
-
-
-def _setup() -> Setup:
-    cable = Rope(
-        segments=SEGMENTS,
-        start=(0.0, 0.0, RADIUS),
-        end=HAND,
-        mass=0.05,
-        radius=RADIUS,
-        pins="start",
-        stretch_compliance=1e-4,
-        bend_compliance=2e2,
-        damping=2e-3,
-    )
-    pegs = {
-        name: Capsule(radius=_PEG, half_length=0.05, position=(x, 0.0, 0.03), static_friction=0.3, kinetic_friction=0.2)
-        for name, (x, _) in PEGS.items()
-    }
-    hand = Handle(position=HAND, reach=0.01, attached=True, compliance=2e-2)
-    table = Plane(static_friction=0.5, kinetic_friction=0.3)
-    return Setup(
-        scene=Scene({"cable": cable}, {"table": table, **pegs}, handles={"hand": hand}),
-        settings=Settings(method="xpbd", order=1, substeps=12, iterations=1),
-        thing="cable",
-        hands={"hand": HAND},
-        low=(-0.2, -0.5, RADIUS),
-        high=(0.9, 1.0, 0.1),
-        step=STEP,
-        frames=FRAMES,
-        horizon=HORIZON,
-        seen=np.arange(0, SEGMENTS + 1, 4),
-        size=LENGTH,
-        lets_go=False,
-        vary=VARY,
-    )

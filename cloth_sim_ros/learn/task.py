@@ -27,7 +27,6 @@ class Setup:
     """
 
     scene: Scene
-    settings: Settings
     thing: str
     hands: dict[str, tuple[float, float, float]]
     low: tuple[float, float, float]
@@ -39,6 +38,7 @@ class Setup:
     size: float
     lets_go: bool
     vary: Mapping[str, Any]
+    settings: Settings = Settings(method="xpbd", order=1, substeps=12, iterations=1)
 
 
 class Task(VectorEnv):
