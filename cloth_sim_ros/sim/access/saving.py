@@ -46,7 +46,8 @@ class Saving:
     def save(self, path: str | os.PathLike, frames: int, notes: Any) -> None:
         """Write the whole state, the number of frames so far and `notes`. Raises ValueError."""
         bodies = self._bodies
-        added = {name: row for name, row in bodies.collider_row.items() if row >= bodies.fixed}
+        spare = {name: row for name, row in bodies.collider_row.items() if row >= bodies.fixed}
+        added = {name: (row, bodies.scene.colliders[name]) for name, row in spare.items()}
         header = {
             "frames": frames,
             "notes": notes,
@@ -59,8 +60,8 @@ class Saving:
             "pins": {name: thing.pins for name, thing in bodies.scene.objects.items()},
             "grasps": bodies.grasps,
             "wakes": bodies.wakes(),
-            "bounds": bodies.bounds(),
-            "added": {name: (row, *_described(bodies.scene.colliders[name])) for name, row in added.items()},
+            "bounds": any(batch.frame.limits.is_changed for batch in bodies.batches),
+            "added": {name: (row, shape_of(each), vars(each)) for name, (row, each) in added.items()},
         }
         path, arrays = path_of(path), _on_host(self._arrays(bodies))
         for name, rows in arrays.items():
@@ -93,8 +94,8 @@ class Saving:
             arrays = file.arrays(_on_host(targets))
         _check_numbers(path, derived, arrays)
         self._bodies.adopt(derived)
-        if not bounds:  # else the next frame forgets what the budget paid
-            self._bodies.upload_limits()
+        for batch in () if bounds else self._bodies.batches:  # else the next frame forgets what the budget paid
+            batch.frame.limits.upload()
         for name, rows in targets.items():
             if isinstance(rows, wp.array):
                 rows.assign(arrays[name])
@@ -274,11 +275,6 @@ def _digest(thing: Any, live: Collection[str]) -> str:
             value = _digest(value, live)
         found.update(f"{field.name}={value!r};".encode())
     return found.hexdigest()[:8]
-
-
-def _described(collider: Any) -> tuple[str, dict[str, Any]]:
-    """The shape and the fields of a collider."""
-    return shape_of(collider), {field.name: getattr(collider, field.name) for field in dataclasses.fields(collider)}
 
 
 def _names(bodies: Bodies) -> list[list[str]]:

@@ -167,12 +167,6 @@ class Bodies:
         colliders = {**self.scene.colliders, **self._sharpest}
         return {name for name, each in colliders.items() if each.enters(needed, thickness)}
 
-    def _write_facets(self) -> None:
-        """Mark the colliders that can come between particles of any object; only these are tested against facets."""
-        between = set().union(*self._between.values())
-        for name, row in self.collider_row.items():
-            self.colliders.write(row, None, facets=self.scene.colliders[name].cost if name in between else 0)
-
     def _choose_now(self, name: str) -> Choice:
         """Choose for an object with its current materials and masses."""
         rows = self.effective_materials(name, self.materials_of(name, None), None)
@@ -280,15 +274,6 @@ class Bodies:
         live += [rows for batch in self.batches for rows in batch.all_live()]
         return self._disturbed or any(rows.is_changed for rows in live)
 
-    def bounds(self) -> bool:
-        """True if the next frame brings the substeps within their limits, because these were changed."""
-        return any(batch.frame.limits.is_changed for batch in self.batches)
-
-    def upload_limits(self) -> None:
-        """Copy changed limits to the device, and leave the substeps as they are."""
-        for batch in self.batches:
-            batch.frame.limits.upload()
-
     def wake(self, on: bool = True) -> None:
         """Let the next frame compute bodies at rest, because their state or what holds them was changed."""
         self._disturbed = on
@@ -299,8 +284,13 @@ class Bodies:
         return min(most, LONGEST) if still and self.coupled is None else 1
 
     def _write_limits(self) -> None:
-        """Give every body the bounds of its substeps, and mark the colliders that are tested against facets."""
-        self._write_facets()
+        """Give every body the bounds of its substeps, and mark the colliders that are tested against facets.
+
+        These are the ones that can come between particles of any object.
+        """
+        between = set().union(*self._between.values())
+        for name, row in self.collider_row.items():
+            self.colliders.write(row, None, facets=self.scene.colliders[name].cost if name in between else 0)
         in_step = [name for batch in self.batches if batch.features.in_step for name in batch.index]
         for batch in self.batches:
             together = in_step if batch.features.in_step else batch.index

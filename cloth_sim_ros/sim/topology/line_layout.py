@@ -50,7 +50,7 @@ def in_lanes(family: Family, springs: Elements) -> Rows:
         # A lane without a line reads the first one's particles; behind a line's end stands its last particle.
         shown = np.concatenate([lines, np.repeat(lines[:1], LANES - len(lines))])
         end = np.minimum(np.arange(slots)[:, None], lengths[shown] - 1)
-        number = _springs_at(family, shown, slots)
+        number = np.pad(family.springs[shown], ((0, 0), (0, 1)), constant_values=-1)[:, :slots].T.copy()
         number[:, len(lines) :] = -1
         parts.append((family.particles[shown, end], number))
         table.append((first, slots, len(lines)))
@@ -98,12 +98,6 @@ def packed(family: Family, slots: int) -> list[list[int]]:
         rows[r].append(line)
         left[r] -= n
     return rows
-
-
-def _springs_at(family: Family, lines: np.ndarray, slots: int) -> np.ndarray:
-    """Numbers (slots, lanes) of the springs behind the particles of lines, -1 where there is none."""
-    springs = np.pad(family.springs[lines], ((0, 0), (0, 1)), constant_values=-1)
-    return springs[:, :slots].T.copy()
 
 
 def _rows(springs: Elements, table: list, parts: list) -> Rows:
