@@ -21,8 +21,10 @@ SWINGS = {"turn": (0.8, 0.1), "lift": (0.2, 0.2), "nod": (0.3, 0.25), "spin": (0
 class Driver(SceneDriver):
     """Has MuJoCo go on by as much time as has passed, sends where the arm is, and hands wrenches over to it."""
 
+    moves = tuple(THINGS.values())
+
     def __init__(self):
-        super().__init__("arm", moves=list(THINGS.values()))
+        super().__init__()
         model = mujoco.MjModel.from_xml_path(str(shared("config/arm.xml")))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, model.key("home").id)

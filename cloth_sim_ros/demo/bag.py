@@ -32,13 +32,11 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Moves the hands, has them let go, and begins again."""
 
-    def __init__(self):
-        super().__init__("bag", moves=[f"handles/{name}" for name in HANDS])
+    moves = tuple(f"handles/{name}" for name in HANDS)
+    end = END
 
     def drive(self, t: float) -> None:
         """Poses and grasps of this moment."""
         for name in HANDS:
             self.move(f"handles/{name}", hand(name, t))
             self.hold(f"handles/{name}", holds(t))
-        if t > END:
-            self.begin_again()

@@ -28,8 +28,7 @@ def breeze(t: float) -> tuple[float, float, float]:
 class Driver(SceneDriver):
     """Moves the ball and makes the wind."""
 
-    def __init__(self):
-        super().__init__("curtain", moves=["colliders/ball"])
+    moves = ("colliders/ball",)
 
     def drive(self, t: float) -> None:
         """Pose and wind of this moment."""

@@ -14,7 +14,7 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
@@ -46,21 +46,28 @@ class SceneDriver(Node):
     """Drives the node that the parameter `node` names, from the moment on that it is there.
 
     With `use_sim_time` it goes by /clock: where the node sends that, motions are the same on a slow machine.
-    named: the node. moves: what gets poses, such as "colliders/ball" or "handles/left". numbers: what gets numbers,
-    such as "grippers/hand/force" or "cable/winch". A driver of a scene implements `drive`.
+    named: the node. A driver of a scene lies in a module of the scene's name, and implements `drive`. It says what gets
+    poses in `moves`, such as "colliders/ball" or "handles/left", and what gets numbers in `numbers`, such as
+    "grippers/hand/force" or "cable/winch". After `end` [s] all begins again.
     """
 
-    def __init__(self, scene: str, moves: Sequence[str] = (), numbers: Sequence[str] = ()):
-        super().__init__(f"{scene}_driver")
+    moves: ClassVar[Sequence[str]] = ()
+    numbers: ClassVar[Sequence[str]] = ()
+    end: ClassVar[float] = math.inf
+
+    def __init__(self):
+        super().__init__(f"{type(self).__module__.rpartition('.')[2]}_driver")
         self.named = self.resolve_service_name(self.declare_parameter("node", "cloth_sim").value)
         self._poses = {
-            thing: self.create_publisher(PoseStamped, f"{self.named}/{thing}/pose", NEWEST_ONLY) for thing in moves
+            thing: self.create_publisher(PoseStamped, f"{self.named}/{thing}/pose", NEWEST_ONLY) for thing in self.moves
         }
-        self._numbers = {what: self.create_publisher(Float64, f"{self.named}/{what}", NEWEST_ONLY) for what in numbers}
+        self._numbers = {
+            what: self.create_publisher(Float64, f"{self.named}/{what}", NEWEST_ONLY) for what in self.numbers
+        }
         self._wind = self.create_publisher(Vector3Stamped, f"{self.named}/wind", NEWEST_ONLY)
         self._attach = {
             hand: self.create_client(SetBool, f"{self.named}/{hand}/attach")
-            for hand in moves
+            for hand in self.moves
             if hand.startswith("handles/")
         }
         self._holds: dict[str, bool] = {}  # what was asked for last
@@ -154,6 +161,8 @@ class SceneDriver(Node):
         self._t += min(now - self._moved, max(LONGEST, 1e-9 * self._timer.timer_period_ns))
         self._moved = now
         self.drive(self._t)
+        if self._t > self.end:
+            self.begin_again()
 
     def _stamp(self, message: PoseStamped | Vector3Stamped) -> None:
         message.header.frame_id = "world"

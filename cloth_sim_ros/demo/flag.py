@@ -21,9 +21,6 @@ def gust(t: float) -> tuple[float, float, float]:
 class Driver(SceneDriver):
     """Blows."""
 
-    def __init__(self):
-        super().__init__("flag")
-
     def drive(self, t: float) -> None:
         """The wind of this moment."""
         self.blow(gust(t))

@@ -20,8 +20,7 @@ def turned(t: float) -> tuple[float, float, float, float]:
 class Driver(SceneDriver):
     """Turns both."""
 
-    def __init__(self):
-        super().__init__("garment", moves=["handles/waist", "colliders/hips"])
+    moves = ("handles/waist", "colliders/hips")
 
     def drive(self, t: float) -> None:
         """Both poses of this moment."""

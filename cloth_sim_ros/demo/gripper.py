@@ -27,9 +27,9 @@ def force(t: float) -> float:
 class Driver(SceneDriver):
     """Moves the gripper, sets its force, has the peg let go, and begins again with open fingers."""
 
-    def __init__(self):
-        numbers = [f"grippers/hand/{what}" for what in ("force", "opening")]
-        super().__init__("gripper", moves=["grippers/hand", "handles/peg"], numbers=numbers)
+    moves = ("grippers/hand", "handles/peg")
+    numbers = tuple(f"grippers/hand/{what}" for what in ("force", "opening"))
+    end = END + 1.0
 
     def drive(self, t: float) -> None:
         """Pose and force of this moment."""
@@ -41,5 +41,3 @@ class Driver(SceneDriver):
         else:
             self.move("grippers/hand", START)
             self.tell("grippers/hand/opening", OPEN)
-            if t > END + 1.0:
-                self.begin_again()

@@ -36,12 +36,10 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Moves the hand, has it let go at the end, and begins again."""
 
-    def __init__(self):
-        super().__init__("harness", moves=["handles/hand"])
+    moves = ("handles/hand",)
+    end = END
 
     def drive(self, t: float) -> None:
         """Pose and grasp of this moment."""
         self.move("handles/hand", hand(t))
         self.hold("handles/hand", holds(t))
-        if t > END:
-            self.begin_again()

@@ -20,7 +20,7 @@ class Driver(SceneDriver):
     """Turns the clamp."""
 
     def __init__(self):
-        super().__init__("hose")
+        super().__init__()
         self._steps = 0
 
     def drive(self, t: float) -> None:

@@ -29,13 +29,11 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Moves both hands, has them let go, and begins again."""
 
-    def __init__(self):
-        super().__init__("knot", moves=[f"handles/{name}" for name in HANDS])
+    moves = tuple(f"handles/{name}" for name in HANDS)
+    end = END
 
     def drive(self, t: float) -> None:
         """Poses and grasps of this moment."""
         for name in HANDS:
             self.move(f"handles/{name}", hand(name, t))
             self.hold(f"handles/{name}", holds(t))
-        if t > END:
-            self.begin_again()

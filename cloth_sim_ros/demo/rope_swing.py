@@ -17,12 +17,10 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Lets go, and begins again."""
 
-    def __init__(self):
-        super().__init__("rope_swing", moves=["handles/hand"])
+    moves = ("handles/hand",)
+    end = WAIT + SWING
 
     def drive(self, t: float) -> None:
         """The hand stays where it is."""
         self.move("handles/hand", HAND)
         self.hold("handles/hand", holds(t))
-        if t > WAIT + SWING:
-            self.begin_again()

@@ -26,11 +26,9 @@ def ball(t: float) -> tuple[float, float, float]:
 class Driver(SceneDriver):
     """Moves the ball, and begins again where the sheet was."""
 
-    def __init__(self):
-        super().__init__("sheet_over_ball", moves=["colliders/ball"])
+    moves = ("colliders/ball",)
+    end = END
 
     def drive(self, t: float) -> None:
         """The ball's pose of this moment."""
         self.move("colliders/ball", ball(t))
-        if t > END:
-            self.begin_again()

@@ -28,8 +28,8 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Moves the hands, has them let go at the end, and begins again."""
 
-    def __init__(self):
-        super().__init__("tablecloth", moves=[f"handles/{name}" for name in HANDS])
+    moves = tuple(f"handles/{name}" for name in HANDS)
+    end = END
 
     def drive(self, t: float) -> None:
         """Poses and grasps of this moment."""
@@ -37,5 +37,3 @@ class Driver(SceneDriver):
             x, z = hand(t)
             self.move(f"handles/{name}", (x, y, z))
             self.hold(f"handles/{name}", holds(t))
-        if t > END:
-            self.begin_again()

@@ -29,13 +29,11 @@ def holds(t: float) -> bool:
 class Driver(SceneDriver):
     """Moves the hands, has them let go when the towel is folded, and begins again."""
 
-    def __init__(self):
-        super().__init__("towel", moves=[f"handles/{name}" for name in HANDS])
+    moves = tuple(f"handles/{name}" for name in HANDS)
+    end = END
 
     def drive(self, t: float) -> None:
         """Poses and grasps of this moment."""
         for name, x in HANDS.items():
             self.move(f"handles/{name}", (x, *hand(t)))
             self.hold(f"handles/{name}", holds(t))
-        if t > END:
-            self.begin_again()

@@ -19,8 +19,7 @@ def rate(t: float) -> float:
 class Driver(SceneDriver):
     """Turns the drum."""
 
-    def __init__(self):
-        super().__init__("winch", numbers=["cable/winch"])
+    numbers = ("cable/winch",)
 
     def drive(self, t: float) -> None:
         """The rate of this moment."""
