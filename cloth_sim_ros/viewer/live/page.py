@@ -11,7 +11,6 @@ import numpy as np
 import viser
 from rclpy.task import Task
 from sensor_msgs.msg import PointCloud2
-from shape_msgs.msg import Mesh
 from visualization_msgs.msg import MarkerArray
 
 from cloth_sim_ros.viewer.curves import Curves
@@ -126,8 +125,9 @@ class LivePage(Page):
             with tabs.add_tab("Curves"):
                 self._make_curves(known)
         self._begin = time.monotonic()
+        felt = self.loads.__setitem__
         seen = Seen(
-            self._cloud, self._topology, self._markers, self._report, self._load, self._changed, self.panel.blown
+            self._cloud, self.scene.topology, self._markers, self._report, felt, self._changed, self.panel.blown
         )
         self._remote.listen(known, seen)
         self._framed = False
@@ -228,15 +228,9 @@ class LivePage(Page):
         away = max(1.9 * size, 0.5) * np.array([0.45, -0.85, 0.3])
         look_from(self.server, tuple(middle + away), tuple(middle))
 
-    def _topology(self, name: str, mesh: Mesh) -> None:
-        self.scene.topology(name, mesh)
-
     def _markers(self, array: MarkerArray) -> None:
         self.scene.markers(array)
         self._look_once()
-
-    def _load(self, name: str, force: float) -> None:
-        self.loads[name] = force
 
     def _draw_loads(self) -> None:
         for key in {"tension", "force"} & set(self.curves):
