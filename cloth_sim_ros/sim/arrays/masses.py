@@ -66,9 +66,15 @@ class Masses:
         self._topologies, self._spans = topologies, spans
         self._kg = np.zeros((worlds, len(topologies), len(MASSES)))
         self.masses, self.inverse = (wp.zeros((worlds, spans[-1].stop), dtype=float, device=device) for _ in range(2))
-        self._given = [tuple(wp.array(rows, dtype=wp.float64, device=device) for rows in _given(t)) for t in topologies]
+        self._own = [np.append(t.masses[:-1], t.masses[-1] - t.load) for t in topologies]  # without the load [kg]
+        self._mass = [float(own.sum()) for own in self._own]
+        whole = [np.where(t.pinned, -t.masses, t.masses) for t in topologies]
+        self._given = [
+            tuple(wp.array(rows, dtype=wp.float64, device=device) for rows in each)
+            for each in zip(whole, self._own, strict=True)
+        ]
         for b, topology in enumerate(topologies):
-            self.write(b, None, np.array([_mass(topology), topology.load]))
+            self.write(b, None, np.array([self._mass[b], topology.load]))
 
     def read(self, b: int, world: WorldSelection) -> np.ndarray:
         """Mass and end mass (k, 2) [kg] of a body in some worlds."""
@@ -79,14 +85,13 @@ class Masses:
         topology, (mass, load) = self._topologies[b], self._kg[world, b]
         if self._same(b, self._kg[world : world + 1, b])[0]:
             return topology.masses.copy()
-        masses = _own(topology) * (mass / _mass(topology))
+        masses = self._own[b] * (mass / self._mass[b])
         masses[-1] += load
         return masses
 
     def _same(self, b: int, kg: np.ndarray) -> np.ndarray:
         """True for rows (k, 2) of masses that are those of the body's topology."""
-        topology = self._topologies[b]
-        return (np.abs(kg[:, 0] / _mass(topology) - 1.0) < _SAME) & (kg[:, 1] == topology.load)
+        return (np.abs(kg[:, 0] / self._mass[b] - 1.0) < _SAME) & (kg[:, 1] == self._topologies[b].load)
 
     def of_pinned(self, b: int) -> np.ndarray:
         """(N,) bool: True for pinned particles of a body."""
@@ -99,7 +104,7 @@ class Masses:
         differ by several factors; the least is used, to be safe.
         """
         topology, rows = self._topologies[b], rows.copy()
-        factor, last = kg[:, 0] / _mass(topology), topology.masses[-1]
+        factor, last = kg[:, 0] / self._mass[b], topology.masses[-1]
         least = np.minimum(factor, (factor * (last - topology.load) + kg[:, 1]) / last)
         rows["compliance"] *= np.where(self._same(b, kg), 1.0, least)[:, None]
         return rows
@@ -109,7 +114,7 @@ class Masses:
         topology, numbers = self._topologies[b], np.arange(len(self._kg), dtype=np.int32)[worlds_of(world)]
         self._kg[numbers, b] = kg
         rows = self._kg[numbers, b]
-        same, factor = self._same(b, rows), rows[:, 0] / _mass(topology)
+        same, factor = self._same(b, rows), rows[:, 0] / self._mass[b]
         shares = wp.array(np.column_stack([factor, rows[:, 1], same]), dtype=wp.float64, device=self._device)
         chosen = wp.array(numbers, dtype=int, device=self._device)
         inputs = [*self._given[b], shares, chosen, self._spans[b].start, self.masses, self.inverse]
@@ -133,20 +138,3 @@ class Masses:
         """Apply changes to the array of `mirrors`. Particles keep their masses until `put`."""
         for b in range(len(self._topologies)):
             self.write(b, None, self.read(b, None))
-
-
-def _mass(topology: Topology) -> float:
-    """The mass of a body without its load [kg]."""
-    return float(_own(topology).sum())
-
-
-def _own(topology: Topology) -> np.ndarray:
-    """Masses (N,) of a body's particles without the load [kg]."""
-    own = topology.masses.copy()
-    own[-1] -= topology.load
-    return own
-
-
-def _given(topology: Topology) -> tuple[np.ndarray, np.ndarray]:
-    """Arguments `whole` and `own` (N,) of `weigh` for a body."""
-    return np.where(topology.pinned, -topology.masses, topology.masses), _own(topology)
