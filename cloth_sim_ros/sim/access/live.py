@@ -18,7 +18,6 @@ from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.engine.sizes import write_size
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.input.numbers import place_of
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope, too_thick
@@ -178,7 +177,9 @@ class Live(Ropes, Hands):
         if row not in collider.dimensions:
             rows.write(number, world, **{field: value})
             return
-        write_size(rows, number, collider, field, value, world)
+        sizes = rows.read(number, world)["size"].astype(np.float64)
+        sizes[:, place_of(collider.dimensions, field)] = value
+        rows.write(number, world, size=sizes, reach=collider.resized(sizes).reach())
         self._bodies.find_sharpest([owner])
         self._bodies.choose_again()
 

@@ -112,6 +112,13 @@ class Collider:
             object.__setattr__(other, name, value)
         return other
 
+    def sharpest(self, sizes: np.ndarray) -> Collider:
+        """Copy of the one of sizes (k, 3) [m] with which it comes between particles most easily."""
+        if not any(row.live for row in self.dimensions):
+            return self
+        roundness = np.broadcast_to(self.resized(sizes).roundness(), len(sizes))
+        return self.resized(sizes[roundness.argmin()])
+
     def roundness(self) -> float:
         """The smallest radius of curvature of its surface [m]; 0 for a shape with edges."""
         return 0.0

@@ -26,7 +26,6 @@ from cloth_sim_ros.sim.engine.coupled_bodies import CoupledBodies
 from cloth_sim_ros.sim.engine.frames import LONGEST, Frames
 from cloth_sim_ros.sim.engine.in_step import InStep
 from cloth_sim_ros.sim.engine.scaled import at_scales
-from cloth_sim_ros.sim.engine.sizes import sharpest
 from cloth_sim_ros.sim.executors.choose import EXECUTORS
 from cloth_sim_ros.sim.executors.graph import Graph
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import FEW
@@ -105,8 +104,9 @@ class Bodies:
         self._between: dict[str, set[str]] = {}  # object -> colliders that come between its particles
 
     def find_sharpest(self, names: Iterable[str]) -> None:
-        """Find the sharpest size of these resized colliders, unless colliders can be added: then all count as sharp."""
-        found = {name: sharpest(self.colliders, self.collider_row[name], self.scene.colliders[name]) for name in names}
+        """Find the sharpest size in any world of these colliders, unless some can be added: then all count as sharp."""
+        sizes = self.colliders.mirrors()["rows"]["size"].astype(np.float64)
+        found = {name: self.scene.colliders[name].sharpest(sizes[:, self.collider_row[name]]) for name in names}
         self._sharpest = {**self._sharpest, **found} if self.scene.spare_colliders == 0 else {}
 
     def write_data(self) -> None:
