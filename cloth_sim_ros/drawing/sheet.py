@@ -8,6 +8,7 @@ import trimesh
 from scipy.sparse import csr_matrix
 
 from cloth_sim_ros.drawing.tube import SIDES
+from cloth_sim_ros.sim.scene.materials import areas_of
 
 CHECKS = 9  # along the longer edge of a cloth, about
 _FLAT = 1e-3  # of its size, a cloth's rest shape may be out of a plane to count as flat
@@ -52,7 +53,7 @@ def checks(rest: np.ndarray, triangles: np.ndarray) -> np.ndarray:
         first = first / np.linalg.norm(first)
         along = middle @ np.stack([first, np.cross(axes[2], first)], axis=1)
     along = along - along.min(axis=0)
-    spacing = np.sqrt(np.median(_areas(rest, triangles)) * 2.0)
+    spacing = np.sqrt(np.median(areas_of(rest, triangles)) * 2.0)
     cells = np.maximum(np.round(along.max(axis=0) / spacing), 1.0)
     check = along.max(axis=0) / cells * max(round(along.max() / spacing / CHECKS), 1)
     return np.floor(along[triangles].mean(axis=1) / check).astype(int).sum(axis=1) % 2 == 1
@@ -62,8 +63,3 @@ def strands(faces: np.ndarray, count: int) -> np.ndarray:
     """Whether each of the `faces` of a tube around `count` points lies in the dark one of its two strands."""
     ring, side = np.divmod(np.minimum(faces[:, 0], count * SIDES - 1), SIDES)
     return (ring + side) % SIDES < SIDES // 2
-
-
-def _areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cloth_sim_ros.sim.physics.quaternion import quaternion_product
+
 SIDES = 10  # corners of a ring
 _SHORTEST = 1e-9  # [m] below this two particles lie at one place, as on a winch's drum
 
@@ -62,15 +64,9 @@ def _scan(turns: np.ndarray) -> np.ndarray:
     """Products turns[k] ... turns[0] for every k, in log2(N) steps."""
     result, step = turns.copy(), 1
     while step < len(result):
-        result[step:] = _product(result[step:], result[:-step].copy())
+        result[step:] = quaternion_product(result[step:], result[:-step].copy())
         step *= 2
     return result
-
-
-def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    vector = p[:, 3:] * q[:, :3] + q[:, 3:] * p[:, :3] + np.cross(p[:, :3], q[:, :3])
-    scalar = p[:, 3:] * q[:, 3:] - (p[:, :3] * q[:, :3]).sum(axis=1)[:, None]
-    return np.concatenate([vector, scalar], axis=1)
 
 
 def _rotate(quaternions: np.ndarray, vector: np.ndarray) -> np.ndarray:
