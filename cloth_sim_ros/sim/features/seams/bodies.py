@@ -126,15 +126,12 @@ def seams_of(
             rows["seconds"] = np.array(orders)[rows["batches"]] - 1
             numbers[batch] += len(rows)
             stitches.append(rows)
-            for k in range(4):
-                side = [rows[each][:, k // 2] for each in ("batches", "bodies", "seconds")]
-                used.append(np.column_stack([side[0], rows["particles"][:, k], *side[1:]]))
+            batch_of, body_of, second = (rows[part][:, [0, 0, 1, 1]] for part in ("batches", "bodies", "seconds"))
+            used.append(np.stack([batch_of, rows["particles"], body_of, second], axis=-1).reshape(-1, 4))
             if each.slides:
                 other, number = homes[each.other]
-                rope = bodies[other][number]
-                along = rope["particles"] + np.arange(rope["count"])
-                same = [np.full(len(along), each) for each in (other, number, orders[other] - 1)]
-                used.append(np.column_stack([same[0], along, *same[1:]]))
+                first, count = (bodies[other][number][part] for part in ("particles", "count"))
+                used.append([(other, first + k, number, orders[other] - 1) for k in range(count)])
     seams.arrays = wp.array([_arrays_of(each) for arrays in batches for each in arrays], SewnArrays, device=device)
     seams.stitches = wp.array(np.concatenate(stitches), dtype=Stitch, device=device)
     sewn = [(*home, orders[home[0]] - 1) for home in homes.values()]
