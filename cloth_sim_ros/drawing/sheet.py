@@ -8,7 +8,7 @@ import trimesh
 from scipy.sparse import csr_matrix
 
 from cloth_sim_ros.drawing.tube import SIDES
-from cloth_sim_ros.sim.scene.materials import areas_of
+from cloth_sim_ros.sim.input.mesh_repair import areas_of
 
 CHECKS = 9  # along the longer edge of a cloth, about
 _FLAT = 1e-3  # of its size, a cloth's rest shape may be out of a plane to count as flat

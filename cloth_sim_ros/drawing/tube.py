@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cloth_sim_ros.sim.physics.quaternion import quaternion_product
+from cloth_sim_ros.sim.physics.quaternion import quaternion_product, rotate
 
 SIDES = 10  # corners of a ring
 _SHORTEST = 1e-9  # [m] below this two particles lie at one place, as on a winch's drum
@@ -17,7 +17,7 @@ def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
     turns = _scan(_between(tangents[:-1], tangents[1:]))
     first = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
     first /= np.linalg.norm(first)
-    normals = _rotate(np.concatenate([[[0.0, 0.0, 0.0, 1.0]], turns]), first)
+    normals = rotate(np.concatenate([[[0.0, 0.0, 0.0, 1.0]], turns]), first)
     normals -= (normals * tangents).sum(axis=1)[:, None] * tangents  # what rounding has left
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     others = np.cross(tangents, normals)
@@ -67,8 +67,3 @@ def _scan(turns: np.ndarray) -> np.ndarray:
         result[step:] = quaternion_product(result[step:], result[:-step].copy())
         step *= 2
     return result
-
-
-def _rotate(quaternions: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    twice = 2.0 * np.cross(quaternions[:, :3], vector)
-    return vector + quaternions[:, 3:] * twice + np.cross(quaternions[:, :3], twice)

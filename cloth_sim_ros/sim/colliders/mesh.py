@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.colliders.mesh_distance import TREE, WORDS, by_tree
 from cloth_sim_ros.sim.colliders.mesh_grid import Grid, grid_of
 from cloth_sim_ros.sim.colliders.on_device import OnDevice, content_of, shared
 from cloth_sim_ros.sim.input.checks import finite_array
+from cloth_sim_ros.sim.input.mesh_repair import areas_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load_address
 from cloth_sim_ros.sim.mesh_file import load_mesh
@@ -224,9 +225,8 @@ def width_of(points: np.ndarray, faces: np.ndarray) -> float:
     """Twice the volume over the surface of a closed surface [m]; 0 if it is convex."""
     if is_convex(points, faces):
         return 0.0
-    corners = points[faces] - points.mean(axis=0)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return float(2.0 * (np.linalg.det(corners).sum() / 6.0) / (0.5 * np.linalg.norm(across, axis=1).sum()))
+    around = points - points.mean(axis=0)
+    return float(2.0 * (np.linalg.det(around[faces]).sum() / 6.0) / areas_of(around, faces).sum())
 
 
 def _flat_normals(corners: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders.mesh_distance import NUMBERS, ROWS, TREE, TRIANGLES, by_tree, nearest_on
+from cloth_sim_ros.sim.input.mesh_repair import areas_of
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_address, xyz
 from cloth_sim_ros.sim.kernels.native import LANES
@@ -200,10 +201,8 @@ def _nearest_along(before: wp.array(dtype=float), length: int, after: wp.array(d
 def grid_of(data: int, points: np.ndarray, faces: np.ndarray, reach: float) -> Grid:
     """The grid of the surface at an address on the CPU, where tree and triangles are there."""
     device = wp.get_device("cpu")
-    corners = points[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     low, high = points.min(axis=0), points.max(axis=0)
-    spacing = min(_SPACING * np.sqrt(area / len(faces)), (high - low).max() / _LEAST)
+    spacing = min(_SPACING * np.sqrt(areas_of(points, faces).sum() / len(faces)), (high - low).max() / _LEAST)
     while np.prod(np.ceil((high - low) / spacing) + 2 * _OUTSIDE) > _MOST:
         spacing *= 1.1
     width, slack = _OUTSIDE * spacing, _ROUNDING * reach

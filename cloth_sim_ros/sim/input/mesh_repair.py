@@ -164,6 +164,12 @@ def edges_of(triangles: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray
     return np.stack(np.divmod(keys, points), axis=1), count, of.ravel()
 
 
+def areas_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Areas (T,) [m^2] of `triangles` (T, 3) over `points` (N, 3) [m]."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
 def cut(points: np.ndarray, polygons: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
     """Triangles (T, 3) of polygons, each of three corners of `points` (N, 3) or more; an array has triangles already.
 

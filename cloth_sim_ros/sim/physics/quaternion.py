@@ -52,9 +52,10 @@ def turn_to(normal: Any, name: str) -> Quaternion:
     return unit_quaternion((-y, x, 0.0, 1.0 + z), name)
 
 
-def rotate(orientation: Quaternion, points: np.ndarray) -> np.ndarray:
-    """Rows of `points` (N, 3) rotated by the unit quaternion x y z w, in float64."""
-    axis, w = np.asarray(orientation[:3]), orientation[3]
+def rotate(orientation: Quaternion | np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Rows of `points` (N, 3) rotated by the unit quaternion x y z w, or each by its row of (N, 4), in float64."""
+    turned = np.asarray(orientation)
+    axis, w = turned[..., :3], turned[..., 3:]
     turn = 2.0 * np.cross(axis, points)
     return points + w * turn + np.cross(axis, turn)
 

@@ -27,6 +27,8 @@ from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.sim.input.mesh_repair import areas_of
+
 
 @dataclass(frozen=True)
 class Fabric:
@@ -229,12 +231,6 @@ _FOLLOWERS = {
     "stretch_compliance": ("weft_compliance",),
     "bend_compliance": ("weft_bend_compliance", "diagonal_bend_compliance"),
 }
-
-
-def areas_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Areas (T,) [m^2] of `triangles` (T, 3) over `vertices` (N, 3) [m]."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_sim_ros.sim.input.mesh_repair import edges_of
+from cloth_sim_ros.sim.input.mesh_repair import areas_of, edges_of
 from cloth_sim_ros.sim.topology.frequencies import Frequencies
 from cloth_sim_ros.sim.topology.lines import Family, families, rounds
 from cloth_sim_ros.sim.topology.membrane import Coupling
@@ -164,10 +164,9 @@ class Topology:
         ends = np.where(segment[:, None], self.panels[:, [0, 1, 1]], self.panels)
         corners = self.layout[ends]
         sides = np.sort(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), axis=1)
-        across = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         # In an acute triangle this is the circumcentre; else it is on the longest side, no farther than half of it.
         acute = sides[:, 0] ** 2 + sides[:, 1] ** 2 > sides[:, 2] ** 2
-        circle = sides.prod(axis=1) / np.maximum(2.0 * across, 1e-300)
+        circle = sides.prod(axis=1) / np.maximum(4.0 * areas_of(self.layout, ends), 1e-300)
         return float(np.where(acute & ~segment, circle, 0.5 * sides[:, 2]).max())
 
     def frequencies(self, crumples: bool) -> Frequencies:

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cloth_sim_ros.sim.input.mesh_repair import edges_of
+from cloth_sim_ros.sim.input.mesh_repair import areas_of, edges_of
 from cloth_sim_ros.sim.physics.quaternion import rotate
-from cloth_sim_ros.sim.scene.materials import areas_of
 from cloth_sim_ros.sim.scene.objects import Cloth
 from cloth_sim_ros.sim.topology import membrane, plate
 from cloth_sim_ros.sim.topology.elements import Topology, pinned_particles
