@@ -23,6 +23,7 @@ OBJECT = (
 )  # fmt: skip
 COLLIDER = ("static_friction", "kinetic_friction")
 AXES = ("x", "y", "z")
+ENABLED = "wind.enabled"
 WIND_PERIOD = 0.2  # [s] between two winds by topic that are shown
 ANSWER_IN = 10.0  # [s] after which a parameter is set again, as an answer may be lost
 
@@ -38,13 +39,13 @@ class Panel:
         self._asked: dict[str, Future] = {}  # one request a parameter at a time
         self._since: dict[str, float] = {}  # when [s]
         self._waiting: dict[str, Any] = {}
-        self._switches: dict[str, Any] = {}
         self._wind: tuple[float, float, float] | None = None  # by topic, to be shown [m/s]
         self._shown = -math.inf  # when a wind by topic was [s]
         self.sliders: dict[str, list[ParameterSlider]] = {}
         with gui.add_folder("Wind"):
-            self._switch(gui, "wind.enabled", "There is wind")
-            self._vector(gui, "wind.velocity")
+            hint = self._description(ENABLED)
+            self._switch: Any = gui.add_checkbox("There is wind", known.values[ENABLED], hint=hint)
+            self._add(gui, "wind.velocity", AXES, Scale(-WIND, WIND))
         for name in known.names("objects"):
             self._folder(gui, name, [f"{name}.{each}" for each in OBJECT])
         with_friction = [f"{name}.{each}" for name in known.names("colliders") for each in COLLIDER]
@@ -60,8 +61,15 @@ class Panel:
                 if scale is None:
                     continue
                 label = name.removeprefix(f"{title}.").removeprefix("solver.").replace("_", " ").replace(".", " ")
-                slider = ParameterSlider(gui, label, scale, self._known.values[name], self._description(name))
-                self.sliders[name] = [slider]
+                self._add(gui, name, (label,), scale)
+
+    def _add(self, gui: viser.GuiApi, name: str, labels: tuple[str, ...], scale: Scale) -> None:
+        """A slider for each number of a parameter."""
+        hint, value = self._description(name), self._known.values[name]
+        numbers = [value] if len(labels) == 1 else value
+        self.sliders[name] = [
+            ParameterSlider(gui, label, scale, number, hint) for label, number in zip(labels, numbers, strict=True)
+        ]
 
     def _scale(self, name: str) -> Scale | None:
         """The scale of a parameter; None where the scene does not have it, or nothing that it acts on."""
@@ -78,17 +86,6 @@ class Panel:
         words, kind = self._known.descriptors[name].description, self._known.values.get(f"{name.split('.')[0]}.bending")
         return next((part for part in words.split("; ") if part.startswith(f"{kind}:")), words)
 
-    def _vector(self, gui: viser.GuiApi, name: str) -> None:
-        hint = self._known.descriptors[name].description
-        self.sliders[name] = [
-            ParameterSlider(gui, axis, Scale(-WIND, WIND), value, hint)
-            for axis, value in zip(AXES, self._known.values[name], strict=True)
-        ]
-
-    def _switch(self, gui: viser.GuiApi, name: str, label: str) -> None:
-        hint = self._known.descriptors[name].description
-        self._switches[name] = gui.add_checkbox(label, self._known.values[name], hint=hint)
-
     def advance(self) -> None:
         """Sends what was changed in the browser, and looks at the answers."""
         for name, sliders in self.sliders.items():
@@ -100,9 +97,8 @@ class Panel:
             else:
                 held = self._waiting.get(name, self._known.values[name])
                 self._waiting[name] = [new if new is not None else old for new, old in zip(wanted, held, strict=True)]
-        for name, switch in self._switches.items():
-            if switch.value != self._known.values[name] and name not in self._asked:
-                self._waiting[name] = switch.value
+        if self._switch.value != self._known.values[ENABLED] and ENABLED not in self._asked:
+            self._waiting[ENABLED] = self._switch.value
         if self._wind is not None and time.monotonic() - self._shown > WIND_PERIOD:
             self.changed("wind.velocity", list(self._wind))
             self._wind, self._shown = None, time.monotonic()
@@ -133,8 +129,8 @@ class Panel:
         if name in self._asked or name in self._waiting:
             return  # ours, which may be older than what the browser shows
         self._known.values[name] = value
-        if name in self._switches:
-            self._switches[name].value = value
+        if name == ENABLED:
+            self._switch.value = value
         if name in self.sliders:
             numbers = [value] if len(self.sliders[name]) == 1 else value
             for slider, number in zip(self.sliders[name], numbers, strict=True):
