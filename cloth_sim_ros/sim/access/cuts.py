@@ -58,7 +58,7 @@ class Cuts:
 
 def plane_of(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
     """Corners (n, 3) [m] and unit normal (3,) of a polygon. Raises ValueError if it has no area or is not flat."""
-    corners = finite_array(polygon, 3, "the polygon of a cut", least=3)
+    corners = finite_array(polygon, "the polygon of a cut", least=3)
     middle = corners - corners.mean(axis=0)
     size = float(np.abs(middle).max())
     normal = np.cross(middle, np.roll(middle, -1, axis=0)).sum(axis=0)  # twice the area along it (Newell)

@@ -97,7 +97,7 @@ class Placing(Queries, Hands):
         Raises ValueError for another shape or a number beyond MOST.
         """
         count, limit = len(self._bodies.topology(name).masses), MOST[what]
-        rows = finite_array(values, 3, f"{name} {what}")
+        rows = finite_array(values, f"{name} {what}")
         if len(rows) != count or np.abs(rows).max() > limit:
             raise ValueError(
                 f"{name} {what} have {len(rows)} rows up to {np.abs(rows).max():g}; "

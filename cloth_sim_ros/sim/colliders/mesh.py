@@ -56,8 +56,8 @@ class Mesh(Collider):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        points = finite_array(self.vertices, 3, "Mesh.vertices")
-        faces = finite_array(self.triangles, 3, "Mesh.triangles").astype(np.int32)
+        points = finite_array(self.vertices, "Mesh.vertices")
+        faces = finite_array(self.triangles, "Mesh.triangles").astype(np.int32)
         content = content_of(points, faces)
         if content not in _closed:  # checked once per surface, as a large one takes a tenth of a second
             if faces.min() < 0 or faces.max() >= len(points):

@@ -77,15 +77,15 @@ def _ndim(value: Any) -> int:
         return -1
 
 
-def finite_array(value: Any, columns: int, name: str, least: int = 1) -> np.ndarray:
-    """`value` as a new (N, columns) array of finite numbers, N at least `least`. Raises ValueError."""
+def finite_array(value: Any, name: str, least: int = 1) -> np.ndarray:
+    """`value` as a new (N, 3) array of finite numbers, N at least `least`. Raises ValueError."""
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         array = np.zeros(0)
-    if array.ndim != 2 or array.shape[1] != columns or len(array) < least:
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
         raise ValueError(
-            f"{name} has shape {np.shape(value)}; allowed are N rows of {columns} finite numbers, N at least {least}"
+            f"{name} has shape {np.shape(value)}; allowed are N rows of 3 finite numbers, N at least {least}"
         )
     for row, column in np.argwhere(~np.isfinite(array))[:1]:
         raise ValueError(f"{name} holds {array[row, column]:g} in row {row}; allowed are finite numbers")

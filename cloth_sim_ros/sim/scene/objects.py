@@ -178,8 +178,8 @@ class Cloth:
                 raise ValueError(
                     f"Cloth.from_mesh has {name}; allowed are the material fields, the mesh gives the shape"
                 )
-        points = finite_array(vertices, 3, "Cloth.from_mesh vertices")
-        corners = finite_array(triangles, 3, "Cloth.from_mesh triangles")
+        points = finite_array(vertices, "Cloth.from_mesh vertices")
+        corners = finite_array(triangles, "Cloth.from_mesh triangles")
         wrong = corners[(corners < 0) | (corners >= len(points)) | (corners != np.floor(corners))]
         if len(wrong):
             allowed = f"whole numbers from 0 to {len(points) - 1}"
@@ -295,7 +295,7 @@ class Rope:
             t = np.linspace(0.0, 1.0, self.segments + 1)[:, None]
             points = np.asarray(self.start) * (1.0 - t) + np.asarray(self.end) * t
         else:
-            points = finite_array(self.points, 3, "Rope.points")
+            points = finite_array(self.points, "Rope.points")
         if len(points) < 2:
             raise ValueError(f"Rope.points has {len(points)}; allowed are two or more")
         for k in np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)[:1]:
@@ -326,7 +326,7 @@ class Rope:
         path = fields.get("points")
         if path is None:
             path = (fields.get("start", cls.start), fields.get("end", cls.end))
-        length = float(np.linalg.norm(np.diff(finite_array(path, 3, "Rope.points"), axis=0), axis=1).sum())
+        length = float(np.linalg.norm(np.diff(finite_array(path, "Rope.points"), axis=0), axis=1).sum())
         radius = fields.get("radius")
         if radius is not None:
             radius = table.check(table.row(table.ROPE, "radius"), radius, "Rope.radius")
