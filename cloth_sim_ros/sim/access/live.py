@@ -19,7 +19,7 @@ from cloth_sim_ros.sim.colliders import SPARE_SHAPES, number_of, shape_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
-from cloth_sim_ros.sim.input.numbers import place_of
+from cloth_sim_ros.sim.input.numbers import places
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope, too_thick
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
@@ -178,7 +178,7 @@ class Live(Ropes, Hands):
             rows.write(number, world, **{field: value})
             return
         sizes = rows.read(number, world)["size"].astype(np.float64)
-        sizes[:, place_of(collider.dimensions, field)] = value
+        sizes[:, places(collider.dimensions)[field]] = value
         rows.write(number, world, size=sizes, reach=collider.resized(sizes).reach())
         self._bodies.find_sharpest([owner])
         self._bodies.choose_again()
@@ -188,7 +188,7 @@ class Live(Ropes, Hands):
         rows, live, number = self._bodies.scene.numbered[owner].rows, self._bodies.numbers, self._bodies.numbers_row
         value = self._checked(_live(rows, field, name), value, name, world)
         numbers = live.read(number[owner], world)["values"]
-        numbers[:, place_of(rows, field)] = value
+        numbers[:, places(rows)[field]] = value
         live.write(number[owner], world, values=numbers)
 
     def _set_solver(self, row: table.Parameter, name: str, value: Any) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from cloth_sim_ros import parameters as table
 from cloth_sim_ros.sim.arrays.masses import MASSES
 from cloth_sim_ros.sim.engine.bodies import Bodies
-from cloth_sim_ros.sim.input.numbers import place_of
+from cloth_sim_ros.sim.input.numbers import places
 from cloth_sim_ros.sim.scene.objects import Cloth, Rope
 
 # Index of each compliance in Material.compliance. An object has shear or twist, never both.
@@ -49,10 +49,10 @@ def live_value(bodies: Bodies, name: str, world: int) -> Any:
         found = _decimal(bodies.colliders.read(bodies.collider_row[owner], world)[field][0])
     elif owner in scene.colliders and _is_live(scene.colliders[owner].dimensions, field):
         size = bodies.colliders.read(bodies.collider_row[owner], world)["size"][0]
-        found = _decimal(size[place_of(scene.colliders[owner].dimensions, field)])
+        found = _decimal(size[places(scene.colliders[owner].dimensions)[field]])
     elif owner in scene.numbered and _is_live(scene.numbered[owner].rows, field):
         numbers = bodies.numbers.read(bodies.numbers_row[owner], world)["values"][0]
-        found = _decimal(numbers[place_of(scene.numbered[owner].rows, field)])
+        found = _decimal(numbers[places(scene.numbered[owner].rows)[field]])
     elif owner in scene.objects:
         found = _of_object(bodies, owner, field, world)
     if found is None:

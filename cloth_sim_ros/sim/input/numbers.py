@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -27,17 +27,13 @@ class NumbersRow:
     values: Numbers
 
 
-def places(rows: Sequence[Parameter]) -> Iterator[tuple[str, int | slice]]:
+def places(rows: Sequence[Parameter]) -> dict[str, int | slice]:
     """Name of each row -> index or slice of its numbers."""
-    first = 0
+    found, first = {}, 0
     for row in rows:
-        yield row.name, slice(first, first + row.length) if row.length else first
+        found[row.name] = slice(first, first + row.length) if row.length else first
         first += row.length or 1
-
-
-def place_of(rows: Sequence[Parameter], name: str) -> int | slice:
-    """Index or slice of the row called `name`. Raises KeyError."""
-    return dict(places(rows))[name]
+    return found
 
 
 def numbers_of(thing: Any, rows: Sequence[Parameter]) -> list[float]:
@@ -47,7 +43,8 @@ def numbers_of(thing: Any, rows: Sequence[Parameter]) -> list[float]:
 
 def fields_of(rows: Sequence[Parameter], numbers: Sequence[Any]) -> dict[str, Any]:
     """Name of each row -> its number, or tuple of numbers."""
-    return {name: tuple(numbers[place]) if isinstance(place, slice) else numbers[place] for name, place in places(rows)}
+    each = places(rows).items()
+    return {name: tuple(numbers[place]) if isinstance(place, slice) else numbers[place] for name, place in each}
 
 
 class Described:

@@ -28,7 +28,7 @@ from cloth_sim_ros.parameters import SEAM
 from cloth_sim_ros.sim.arrays.state import Arrays, compliance_of, substep_length, was_smooth
 from cloth_sim_ros.sim.features.seams.arrays import BROKEN
 from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch, seams_of
-from cloth_sim_ros.sim.input.numbers import place_of
+from cloth_sim_ros.sim.input.numbers import places
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.cooperative import (
     CooperativeGroup,
@@ -43,7 +43,7 @@ from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.integrate import effective_step
 from cloth_sim_ros.sim.topology import Topology
 
-_COMPLIANCE, _STRENGTH, _SPEED = (place_of(SEAM, name) for name in ("compliance", "strength", "closing_speed"))
+_COMPLIANCE, _STRENGTH, _SPEED = (places(SEAM)[name] for name in ("compliance", "strength", "closing_speed"))
 _CLOSES, _CLOSED = wp.constant(0.0), wp.constant(-1.0)  # SeamState.stitches has these or BROKEN
 _PASSES = 8  # passes over stitches that share particles; each halves about what the one before left
 _STEPS = 4  # segments of a rope that a stitch slides over in a substep at most
