@@ -68,7 +68,7 @@ class Replay:
         if "start" in entry:
             self._start(**entry["start"])
         elif "end" in entry or lacks:
-            self._end()
+            self.close()
         elif self.world is not None:
             for act, *arguments in entry["acts"]:
                 self._act(act, arguments)
@@ -78,7 +78,7 @@ class Replay:
         values |= {name: "" for name in values if name.endswith(".follow_frame")}  # the journal has where it went
         if self._device:
             values["device"] = self._device
-        self._end()
+        self.close()
         log = Quiet()
         world = World(values, log, Frames(values["frame_id"]))
         world.grippers.is_driven = False  # the journal has where their fingers went
@@ -95,7 +95,8 @@ class Replay:
             world.tracks[name].rest(Pose(tuple(position), tuple(orientation)))
         self.world = world
 
-    def _end(self) -> None:
+    def close(self) -> None:
+        """Ends the world; waits for what is being compiled."""
         while self.world is not None and self.world.compiling.is_running:
             time.sleep(0.05)
         self.world = None
@@ -119,10 +120,6 @@ class Replay:
         else:
             getattr(world, act)(*values)
             self.frames += act == "advance"
-
-    def close(self) -> None:
-        """Waits for what is being compiled."""
-        self._end()
 
     def difference(self, name: str, cloud: Any) -> str:
         """How an object differs from its recorded cloud, or SAME."""
