@@ -195,8 +195,7 @@ class Live(Ropes, Hands):
         value = table.check(row, value, name)
         if row.name == "substeps" and self._bodies.settings.method == "verlet":
             for owner in self._bodies.scene.objects:
-                rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, None), None)
-                self._check_explicit(owner, rows, substeps=value)
+                self._check_explicit(owner, self._bodies.effective_materials(owner, None), substeps=value)
         self._bodies.change_setting(row.name, value)
         self._write_settings()
         self._bodies.choose_again()
@@ -239,8 +238,7 @@ class Live(Ropes, Hands):
                 _doubt(owner, thing, materials[field], value)
             materials[field] = value
         if field in ("compliance", "damping") and self._bodies.settings.method == "verlet":
-            rows = self._bodies.effective_materials(owner, materials, world)
-            self._check_explicit(owner, rows)
+            self._check_explicit(owner, self._bodies.effective_materials(owner, world, materials))
         batch = self._bodies.batch[owner]
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping", "thickness"):
@@ -252,8 +250,7 @@ class Live(Ropes, Hands):
         kg = batch.masses.read(batch.index[owner], world)
         kg[:, MASSES[field]] = value
         if self._bodies.settings.method == "verlet":
-            rows = self._bodies.effective_materials(owner, self._bodies.materials_of(owner, world), world, kg=kg)
-            self._check_explicit(owner, rows)
+            self._check_explicit(owner, self._bodies.effective_materials(owner, world, kg=kg))
         batch.write_masses(owner, kg, world)
         self._bodies.choose_again()
 
@@ -354,7 +351,7 @@ def _set_scale(bodies: Bodies, owner: str, value: Any, world: WorldSelection) ->
     scales[worlds_of(world)] = value
     if bodies.settings.method == "verlet":
         scaled = topology.at(scales)
-        rows = bodies.effective_materials(owner, bodies.materials_of(owner, None), None, topology=scaled)
+        rows = bodies.effective_materials(owner, None, topology=scaled)
         check_explicit(bodies.scene, bodies.settings, owner, scaled, distinct(rows))
     bodies.give_scales(owner, scales, world)
     batch, chosen = bodies.batch[owner], bodies.chosen(world)

@@ -169,21 +169,22 @@ class Bodies:
 
     def _choose_now(self, name: str) -> Choice:
         """Choose for an object with its current materials and masses."""
-        rows = self.effective_materials(name, self.materials_of(name, None), None)
+        rows = self.effective_materials(name, None)
         return self.choose(name, distinct(rows), float(rows["thickness"].min()))
 
     def effective_materials(
         self,
         name: str,
-        rows: np.ndarray,
         world: WorldSelection,
+        rows: np.ndarray | None = None,
         kg: np.ndarray | None = None,
         topology: Topology | None = None,
     ) -> np.ndarray:
-        """Convert rows of Material in some worlds to the masses and scale of the scene, for the choice of substeps.
+        """Convert an object's materials in some worlds to the masses and scale of the scene, to choose substeps by.
 
-        kg (k, 2): masses to use in place of the object's own, see Masses. topology: used in place of its own.
+        In place of its own are used: rows (k,) of Material, kg (k, 2) as in Masses, and topology.
         """
+        rows = self.materials_of(name, world) if rows is None else rows
         masses, b = self.batch[name].masses, self.batch[name].index[name]
         topology = self.elastic[name] if topology is None else topology
         rows = masses.effective_materials(b, rows, masses.read(b, world) if kg is None else kg)
