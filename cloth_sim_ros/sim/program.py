@@ -30,7 +30,7 @@ from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
-from cloth_sim_ros.sim.features.collider_contact.part import make_part
+from cloth_sim_ros.sim.features.collider_contact.part import forget_overlaps, make_part
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
@@ -140,6 +140,7 @@ def _look_around(features: Features) -> list[Stage]:
     if features.surface:
         stages.append(Stage("carry_presses", make_carry_presses(features), every=_A_FRAME))
     stages.append(Stage("forget_contacts", make_forget_contacts(features), every=_A_FRAME))
+    stages.append(Stage("forget_overlaps", forget_overlaps, every=_A_FRAME))
     if features.listed:
         stages.append(Stage("measure_extent", measure_extent, every=_A_FRAME))
         stages.append(Stage("list_colliders", list_colliders, every=_A_FRAME))

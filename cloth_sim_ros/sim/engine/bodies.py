@@ -282,7 +282,9 @@ class Bodies:
     def alike(self, most: int) -> int:
         """Number of the next `most` frames that can run as one, because the host has no work between them."""
         still = self.colliders.are_still and self.handles.are_still
-        return min(most, LONGEST) if still and self.coupled is None else 1
+        # A frame before which anything was changed is one of a kind.
+        alone = self.coupled is not None or self.frame.read(0, 0)["wakes"] > 0
+        return min(most, LONGEST) if still and not alone else 1
 
     def _write_limits(self) -> None:
         """Give every body the bounds of its substeps, and mark the colliders that are tested against facets.

@@ -259,9 +259,10 @@ def open_frames(
 def next_factor(gain: wp.float64, substeps: int, factor: int, best: wp.vec2d) -> int:
     """Factor of the substeps with which a frame that gained energy [J] is computed again; `factor` if it is kept.
 
-    best: least gain so far, and its factor. Where no factor helps, that is taken, as a negative number. It is final.
+    gain: NONE if it was not finite. best: least gain so far, and its factor. Where no factor helps, that is taken, as
+    a negative number. It is final.
     """
-    if factor < MOST_REPEATED and substeps < FINEST:
+    if factor < MOST_REPEATED and (substeps < FINEST or gain == NONE):
         return MORE * wp.max(1, factor)
     if best[1] > wp.float64(0.0) and best[0] < gain:
         return -int(best[1])

@@ -71,6 +71,15 @@ def test_it_is_not_with_any_number_of_substeps(device, name, settings):
     assert top < 1e-4 and fastest < 0.02
 
 
+@pytest.mark.parametrize("name", ["cloth", "cable"])
+def test_it_is_the_same_in_one_call_as_in_several(device, name):
+    once, often = (placed(name, "box", 5e-3, device, {})[0] for _ in range(2))
+    once.step(12)
+    for _ in range(12):
+        often.step()
+    assert np.array_equal(once.positions("it"), often.positions("it"))
+
+
 @pytest.mark.parametrize("name", ["cable", "hose"])
 def test_a_rope_whose_middle_is_placed_into_a_drum_is_not_flung(device, name):
     """The way out lifts its middle alone, so that it springs back a little."""

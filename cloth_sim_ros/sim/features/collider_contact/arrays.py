@@ -7,7 +7,9 @@ from cloth_sim_ros.sim.arrays.model import Counts, Features
 
 WORD = 64  # colliders a word of bits
 SWEPT = 64  # substeps for which one stage computes the motion of colliders ahead
-EXTENT = 8  # numbers a body: lower and upper corner, largest squared speed, and 1 if a collider is not listed
+# Numbers a body: lower and upper corner, largest squared speed, and 1 if a collider is not listed; then middle, margin
+# and half size of its box, see Near; then 1 if it was placed into a collider.
+EXTENT, BOX, OVERLAPS = 16, 8, 15
 
 
 @wp.func
@@ -117,17 +119,14 @@ class ContactState:
     facets_moved_in: wp.array(dtype=int)  # (B,) 1 + the last substep in which facets moved a particle
     pressed: wp.array(dtype=int)  # (N,) bits of what facets did to a particle, see facet_clamp.py
     sweeps: wp.array(dtype=Sweep)  # (SWEPT B K,)
-    parted: wp.array(dtype=wp.vec3)  # (N,) displacement that is no motion, see part.py [m]
-    overlaps_in: wp.array(dtype=int)  # (2 B,) 1 + the last even and odd substep in which it overlapped a collider
-    parted_in: wp.array(dtype=int)  # (B,) 1 + the last substep in which any particle of the body has such a one
+    overlaps: wp.array(dtype=float)  # (4 N,) displacement out of an overlap, and what is left of that [m], see part.py
     near: wp.array(
         dtype=wp.uint64
     )  # (B K/64,) bits of the colliders that a body may touch in this frame, see broad_phase.py
     squeezed_in: wp.array(dtype=int)  # (K B,) 2 + the last substep in which a collider squeezed particles; -1: facets
     pinch_places: wp.array(dtype=wp.vec4)  # (N,) place between the colliders that hold it [m], see pinch.py
     pinch_pulls: wp.array(dtype=wp.vec4)  # (N,) force of the hold in the last substep, and load of each side [N]
-    extents: wp.array(dtype=float)  # (8 B,)
-    boxes: wp.array(dtype=wp.vec4)  # (2 B,)
+    extents: wp.array(dtype=float)  # (EXTENT B,)
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
@@ -140,13 +139,10 @@ def sizes(features: Features, n: Counts) -> dict[str, int]:
         "close": n.particles * surface,
         "facets_moved_in": n.bodies * surface,
         "pressed": n.particles * surface,
-        "parted": n.particles * near,
-        "parted_in": n.bodies * near,
-        "overlaps_in": 2 * n.bodies * near,
+        "overlaps": 4 * n.particles * near,
         "sweeps": SWEPT * n.bodies * n.colliders,
         "near": n.bodies * words_of(n.colliders),
         "squeezed_in": n.bodies * n.colliders * pinches,
         **dict.fromkeys(("pinch_places", "pinch_pulls"), n.particles * pinches),
         "extents": EXTENT * n.bodies * near,
-        "boxes": 2 * n.bodies * near,
     }

@@ -14,7 +14,7 @@ import warp as wp
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
-from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, WORD, words_of
+from cloth_sim_ros.sim.features.collider_contact.arrays import BOX, EXTENT, WORD, words_of
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, lowest_bit, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.path import longest
 
@@ -67,10 +67,11 @@ def make_near_of(listed: bool):
             near.bits = near.words[near.first]
             near.some = ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + 7] > 0.0
             if near.some:
-                box = load_row(ctx.state.contact.boxes, 2 * ctx.body.index)
-                near.middle = xyz(box)
-                near.margin = box[3]
-                near.half = xyz(load_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1))
+                first = wp.static(EXTENT) * ctx.body.index + wp.static(BOX)
+                near.margin = ctx.state.contact.extents[first + 3]
+                for k in range(3):
+                    near.middle[k] = ctx.state.contact.extents[first + k]
+                    near.half[k] = ctx.state.contact.extents[first + 4 + k]
         return near
 
     return near_of
@@ -147,16 +148,9 @@ def make_forget_contacts(features: Features):
                         kept = pack(wp.where(wp.static(leans), xyz(last), wp.vec3(0.0)), 1.0)
                 store_row(ctx.state.contact.contacts, entry, kept)
             c = next_of(c, near, False)
-        if t == 0:
-            ctx.state.contact.parted_in[ctx.body.index] = 0
-            place = 2 * ctx.body.index
-            # The first substep goes on from the last one of the frame before.
-            overlapped = ctx.state.contact.overlaps_in[place + (taken + 1) % 2] == taken
-            ctx.state.contact.overlaps_in[place] = -1
-            ctx.state.contact.overlaps_in[place + 1] = wp.where(overlapped and taken > 0, 0, -1)
         if wp.static(listed):
             if t == 0:
-                for k in range(wp.static(EXTENT)):
+                for k in range(wp.static(BOX)):
                     ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + k] = wp.where(
                         k < 3, _FAR, wp.where(k < 6, -_FAR, 0.0)
                     )
@@ -205,8 +199,10 @@ def list_colliders(t: int, width: int, ctx: Context):
     near.half = 0.5 * (high - lo) + wp.vec3(margin)
     near.some = True
     if t == 0:
-        store_row(ctx.state.contact.boxes, 2 * ctx.body.index, pack(near.middle, margin))
-        store_row(ctx.state.contact.boxes, 2 * ctx.body.index + 1, pack(near.half, 0.0))
+        ctx.state.contact.extents[first + wp.static(BOX + 3)] = margin
+        for k in range(3):
+            ctx.state.contact.extents[first + wp.static(BOX) + k] = near.middle[k]
+            ctx.state.contact.extents[first + wp.static(BOX + 4) + k] = near.half[k]
     for c in range(t, ctx.colliders.shape[0], width):
         if may_meet(ctx.colliders[c], near, ctx.material.thickness, substeps):
             note(c, near)

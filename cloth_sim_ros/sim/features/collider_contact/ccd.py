@@ -39,15 +39,15 @@ def make_ccd(shapes: tuple[str, ...]):
     @wp.func
     def meet(
         shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: Apart
-    ) -> tuple[wp.vec4, float]:
+    ) -> tuple[wp.vec4, float, float]:
         """Return the normal and gap [m] of local point p, which came by `slip`; negative also if it passed through.
 
         If the point cannot touch the collider, the gap is just some positive number. An overlap that was there before
-        counts for no more than what separates in a substep, which is returned too if it is no small error.
+        counts for no more than separates in a substep. What does so without a velocity, and the overlap, follow [m].
         """
         if wp.static(is_beyond is not None):
             if is_beyond(shape, p, thickness + wp.length(slip), data):
-                return wp.vec4(0.0, 0.0, 1.0, thickness), 0.0
+                return wp.vec4(0.0, 0.0, 1.0, thickness), 0.0, 0.0
         surface = signed_distance(shape, p, size, data)
         gap = surface[3] - thickness
         n = xyz(surface)
@@ -59,7 +59,7 @@ def make_ccd(shapes: tuple[str, ...]):
         before = surface
         # Both distances are evaluated at once, though few points need the earlier one: a GPU waits as long for one as
         # for both. A mesh is slow, so there it is evaluated only if needed.
-        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -wp.min(apart.most, apart.small):
+        if wp.static("mesh" not in shapes) or square > gap * gap or gap < -wp.where(apart.left > 0.0, 0.0, apart.most):
             before = signed_distance(shape, p - slip, size, data)
         if square > gap * gap:
             # Fast enough to have passed through the surface: find where it entered, and stay on that side. A particle
@@ -71,8 +71,12 @@ def make_ccd(shapes: tuple[str, ...]):
             if entry[3] >= 0.0 and through:
                 n = xyz(entry)
                 gap = deep
-        overlap = thickness - before[3]
-        parts = separated(overlap, apart)
-        return pack(n, gap + wp.max(overlap - wp.where(parts > 0.0, parts, apart.most), 0.0)), parts
+        overlap, parts = thickness - before[3], float(0.0)
+        if apart.left > 0.0:
+            parts = separated(overlap, apart)
+            gap += wp.max(wp.min(overlap, apart.left) - parts, 0.0)
+        if gap < -apart.most:
+            gap += wp.max(overlap - apart.left - apart.most, 0.0)
+        return pack(n, gap), parts, overlap
 
     return meet

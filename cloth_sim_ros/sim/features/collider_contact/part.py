@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What overlaps a collider as a substep begins leaves it without a velocity, as if it had lain beside it before.
+"""What is placed into a collider leaves it without a velocity, as if it had lain beside it before.
 
-Else what is placed into a collider would be flung out, and gain energy. Particles and facets of a sheet are pushed out
-by contact, and that part of their displacement is taken from their velocity. A rope is moved before its solve, which
-else would bring its neighbours up to that speed.
+Else it would be flung out, and gain energy. The first substep after anything was changed measures how deep each
+particle is in a collider, and the next ones take it out little by little. Particles and facets of a sheet are pushed
+out by contact, and that part of their displacement is taken from their velocity. A rope is moved before its solve,
+which else would bring its neighbours up to that speed.
 """
 
 import warp as wp
@@ -12,13 +13,16 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.arrays.state import ColliderMotion
 from cloth_sim_ros.sim.colliders import make_signed_distance
-from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
+from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, OVERLAPS, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
 from cloth_sim_ros.sim.features.collider_contact.ccd import make_ccd
 from cloth_sim_ros.sim.features.collider_contact.facet import Facet, point_of, slip_at
-from cloth_sim_ros.sim.features.collider_contact.sweep import overlapped, pace, separated, slip_of
+from cloth_sim_ros.sim.features.collider_contact.sweep import UNLIMITED, Apart, is_measured, pace, separated, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, store4, xyz
+
+# Overlap of what is placed, as a fraction of the thickness, from which on it is moved out without a velocity.
+SMALL = wp.constant(0.1)
 
 
 @wp.func
@@ -28,35 +32,72 @@ def longer(one: wp.vec3, other: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def _place_of(i: int, ctx: Context) -> int:
+    return 4 * (ctx.body.particles + i)
+
+
+@wp.func
+def is_placed(ctx: Context) -> bool:
+    """Return True if the body was placed into a collider when anything was changed last."""
+    return ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + wp.static(OVERLAPS)] > 0.0
+
+
+@wp.func
+def left_of(i: int, ctx: Context) -> float:
+    """Return what is left of the overlap [m] of particle i as it was placed."""
+    if is_placed(ctx):
+        return ctx.state.contact.overlaps[_place_of(i, ctx) + 3]
+    return 0.0
+
+
+@wp.func
 def parted_of(i: int, ctx: Context) -> wp.vec3:
     """Return by how much particle i was moved out of an overlap [m] in this substep."""
-    if ctx.state.contact.parted_in[ctx.body.index] != ctx.substep + 1:
-        return wp.vec3(0.0)
-    return ctx.state.contact.parted[ctx.body.particles + i]
+    parted = wp.vec3(0.0)
+    if is_placed(ctx):
+        for k in range(3):
+            parted[k] = ctx.state.contact.overlaps[_place_of(i, ctx) + k]
+    return parted
+
+
+@wp.func
+def _put_parted(i: int, parted: wp.vec3, ctx: Context):
+    for k in range(3):
+        ctx.state.contact.overlaps[_place_of(i, ctx) + k] = parted[k]
 
 
 @wp.func
 def note_parted(i: int, moved: wp.vec3, ctx: Context):
     """Note by how much particle i is moved out of an overlap [m] in this substep, if by more than so far."""
     if wp.length_sq(moved) > wp.length_sq(parted_of(i, ctx)):
-        ctx.state.contact.parted[ctx.body.particles + i] = moved
-        ctx.state.contact.parted_in[ctx.body.index] = ctx.substep + 1
+        _put_parted(i, moved, ctx)
 
 
 @wp.func
 def take_parted(i: int, ctx: Context) -> wp.vec3:
-    """Return the same, and forget it."""
+    """Return the same, and take it off what is left."""
     parted = parted_of(i, ctx)
     if wp.length_sq(parted) > 0.0:
-        ctx.state.contact.parted[ctx.body.particles + i] = wp.vec3(0.0)
+        ctx.state.contact.overlaps[_place_of(i, ctx) + 3] = wp.max(left_of(i, ctx) - wp.length(parted), 0.0)
+        _put_parted(i, wp.vec3(0.0), ctx)
     return parted
 
 
 @wp.func
-def note_overlap(overlap: float, ctx: Context):
-    """Note that the body overlaps a collider, if by more than 0 [m]."""
-    if overlap > 0.0:
-        ctx.state.contact.overlaps_in[2 * ctx.body.index + ctx.substep % 2] = ctx.substep + 1
+def measure(i: int, overlap: float, apart: Apart, ctx: Context):
+    """Note the overlap [m] of a point of particle i, if it is measured now and is no small error of contact."""
+    if apart.left == UNLIMITED and overlap > SMALL * ctx.material.thickness:
+        ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + wp.static(OVERLAPS)] = 1.0
+        wp.atomic_max(ctx.state.contact.overlaps, _place_of(i, ctx) + 3, overlap)
+
+
+@wp.func
+def forget_overlaps(t: int, width: int, ctx: Context):
+    """Stage that begins a frame: overlaps are measured anew if anything was changed."""
+    if ctx.frame.wakes > 0:
+        for i in range(t, ctx.body.count, width):
+            ctx.state.contact.overlaps[_place_of(i, ctx) + 3] = 0.0
+        ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + wp.static(OVERLAPS)] = 0.0
 
 
 def make_meet(features: Features):
@@ -70,13 +111,13 @@ def make_meet(features: Features):
     def meet_at(
         i: int, collider: ColliderMotion, sweep: Sweep, p: wp.vec3, slip: wp.vec3, thickness: float, ctx: Context
     ) -> tuple[wp.vec4, float]:
-        apart = pace(collider, ctx)
-        met, overlap = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
-        note_overlap(overlap, ctx)
+        apart = pace(collider, left_of(i, ctx), ctx)
+        met, parts, overlap = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
+        measure(i, overlap, apart, ctx)
         if wp.static(leans):
-            met[3] += wp.max(overlap - wp.dot(parted_of(i, ctx), wp.transpose(sweep.to_local) * xyz(met)), 0.0)
-            overlap = 0.0
-        return met, overlap
+            met[3] += wp.max(parts - wp.dot(parted_of(i, ctx), wp.transpose(sweep.to_local) * xyz(met)), 0.0)
+            parts = 0.0
+        return met, parts
 
     return meet_at
 
@@ -95,29 +136,35 @@ def make_meet_between(features: Features):
         thickness: float,
         ctx: Context,
     ) -> tuple[wp.vec4, float]:
-        p, slip, apart = point_of(facet, weights), slip_at(facet, weights), pace(collider, ctx)
-        met, overlap = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
-        note_overlap(overlap, ctx)
+        left = wp.max(wp.max(left_of(corners[0], ctx), left_of(corners[1], ctx)), left_of(corners[2], ctx))
+        p, slip, apart = point_of(facet, weights), slip_at(facet, weights), pace(collider, left, ctx)
+        met, parts, overlap = meet(collider.shape, collider.size, collider.data, p, slip, thickness, apart)
+        for k in range(3):
+            if weights[k] > 0.0:
+                measure(corners[k], overlap, apart, ctx)
         if wp.static(leans):
             parted = weights[0] * parted_of(corners[0], ctx) + (weights[1] + weights[2]) * parted_of(corners[1], ctx)
-            met[3] += wp.max(overlap - wp.dot(parted, wp.transpose(sweep.to_local) * xyz(met)), 0.0)
-            overlap = 0.0
-        return met, overlap
+            met[3] += wp.max(parts - wp.dot(parted, wp.transpose(sweep.to_local) * xyz(met)), 0.0)
+            parts = 0.0
+        return met, parts
 
     return meet_between
 
 
 def _make_way_out(features: Features):
-    """Return a Warp function: the way [m] out of collider c in this substep of a point at `at` as it begins."""
+    """Return a Warp function: the way [m] out of collider c in this substep of a point at `at` as it begins.
+
+    left: what is left of its overlap [m].
+    """
     signed_distance = make_signed_distance(features.shapes)
 
     @wp.func
-    def way_out(at: wp.vec3, c: int, ctx: Context) -> wp.vec3:
+    def way_out(at: wp.vec3, left: float, c: int, ctx: Context) -> wp.vec3:
         collider, sweep = ctx.colliders[c], ctx.state.contact.sweeps[ctx.sweep + c]
         from_it = at - sweep.position
         local = sweep.to_local * from_it - slip_of(from_it, wp.vec3(0.0), sweep)
         met = signed_distance(collider.shape, local, collider.size, collider.data)
-        out = separated(ctx.material.thickness - met[3], pace(collider, ctx))
+        out = separated(ctx.material.thickness - met[3], pace(collider, left, ctx))
         return out * (wp.transpose(sweep.to_local) * xyz(met))
 
     return way_out
@@ -139,7 +186,8 @@ def _make_way_beside(features: Features):
             press = ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c]
             if press.when >= ctx.substep - 1:
                 first, beyond = press.weights[0], press.weights[1] + press.weights[2]
-                out = way_out(first * _start_of(k, ctx) + beyond * _start_of(k + 1, ctx), c, ctx)
+                left = wp.max(left_of(k, ctx), left_of(k + 1, ctx))
+                out = way_out(first * _start_of(k, ctx) + beyond * _start_of(k + 1, ctx), left, c, ctx)
                 share = wp.where(k == i, first, beyond) / (first * first + beyond * beyond)
                 way = longer(way, share * out)
         return way
@@ -154,12 +202,12 @@ def make_part(features: Features):
     @wp.func
     def part(i: int, ctx: Context):
         packed = load4(ctx.d, i)
-        if not overlapped(ctx) or packed[3] <= HELD * load4(ctx.x, i)[3]:
+        if not is_placed(ctx) or is_measured(ctx) or packed[3] <= HELD * load4(ctx.x, i)[3]:
             return
         near, way = near_of(ctx), wp.vec3(0.0)
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
-            way = longer(way, way_out(_start_of(i, ctx), c, ctx))
+            way = longer(way, way_out(_start_of(i, ctx), left_of(i, ctx), c, ctx))
             if wp.static(features.surface):
                 way = longer(way, way_beside(i, c, ctx))
             c = next_of(c, near, False)

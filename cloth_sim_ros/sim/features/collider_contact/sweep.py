@@ -58,8 +58,6 @@ def least_gap(offset: wp.vec3, moved: wp.vec3, spin: float, reach: float) -> flo
     return wp.length(offset) - path - reach
 
 
-# Overlap of what is placed, as a fraction of the thickness, from which on it is moved out without a velocity.
-SMALL = wp.constant(0.1)
 # Speeds [m/s] at which an overlap separates: what contact left, and what was placed. A faster one would bend and
 # stretch what is around it, which would then spring back.
 QUICK, SLOW, UNLIMITED = wp.constant(3.0), wp.constant(0.5), wp.constant(1.0e9)
@@ -67,41 +65,41 @@ QUICK, SLOW, UNLIMITED = wp.constant(3.0), wp.constant(0.5), wp.constant(1.0e9)
 
 @wp.struct
 class Apart:
-    """How an overlap separates in a substep: by `most` [m], or beyond `small` [m] by `slow` [m] without a velocity."""
+    """How an overlap separates in a substep.
+
+    left: so much of it [m] is of what was placed, and separates by `slow` [m] without a velocity. most: largest
+    separation of the rest [m].
+    """
 
     most: float
-    small: float
+    left: float
     slow: float
 
 
 @wp.func
-def overlapped(ctx: Context) -> bool:
-    """Return True if the body still overlapped a collider in the last substep, after it was placed so."""
-    return ctx.state.contact.overlaps_in[2 * ctx.body.index + (ctx.substep + 1) % 2] == ctx.substep
+def is_measured(ctx: Context) -> bool:
+    """Return True if overlaps are measured in this substep, as anything may have been placed since the last one."""
+    return ctx.substep == 0 and ctx.frame.wakes > 0
 
 
 @wp.func
-def pace(collider: ColliderMotion, ctx: Context) -> Apart:
-    """Return how overlaps with a collider separate in a substep; of a compliant one they are no error.
+def pace(collider: ColliderMotion, left: float, ctx: Context) -> Apart:
+    """Return how overlaps with a collider separate in a substep; left: of what was placed [m].
 
-    A thing may have been placed so in a frame before which anything was changed, but not between two that pinch it.
+    With a soft collider they are no error. While they are measured nothing separates.
     """
     apart = Apart()
-    apart.most = QUICK * ctx.step.effective
-    apart.slow = SLOW * ctx.step.effective
-    apart.small = UNLIMITED
-    if collider.squeeze == 0.0:
-        if overlapped(ctx):
-            apart.small = NOISE  # the rest of an overlap
-        elif ctx.substep == 0 and ctx.frame.wakes > 0:
-            apart.small = SMALL * ctx.material.thickness
-    if collider.compliance > 0.0:
-        apart.most = UNLIMITED
-        apart.small = UNLIMITED
+    apart.most = wp.where(collider.compliance > 0.0, UNLIMITED, QUICK * ctx.step.effective)
+    if collider.compliance == 0.0 and collider.squeeze == 0.0:
+        apart.left = left
+        if is_measured(ctx):
+            apart.left = UNLIMITED
+        else:
+            apart.slow = SLOW * ctx.step.effective
     return apart
 
 
 @wp.func
 def separated(overlap: float, apart: Apart) -> float:
     """Return the part of an overlap [m] that separates in a substep without a velocity [m]."""
-    return wp.where(overlap > apart.small, wp.min(overlap, apart.slow), 0.0)
+    return wp.max(wp.min(wp.min(overlap, apart.left), apart.slow), 0.0)
