@@ -292,9 +292,9 @@ def judge_frames(
     if (gains or recovered) and factors[k] >= 0:
         gain = wp.where(recovered or not wp.isfinite(now), NONE, now - ceiling)
         again = next_factor(gain, substeps_of(a.state.control, a.limits[b], b), factors[k], best[k])
-        if gain < best[k][0]:
-            best[k] = wp.vec2d(gain, wp.float64(wp.max(1, factors[k])))
         if again != factors[k]:
+            # Stores before the last read of `a` would have all of it copied, which takes 30 s to compile for a GPU.
+            best[k] = wp.where(gain < best[k][0], wp.vec2d(gain, wp.float64(wp.max(1, factors[k]))), best[k])
             factors[k] = again
             rejects[0] = 1
             return

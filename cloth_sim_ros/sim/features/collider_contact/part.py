@@ -175,29 +175,33 @@ def _start_of(i: int, ctx: Context) -> wp.vec3:
     return xyz(load4(ctx.x, i)) + xyz(load4(ctx.position_lo, i))
 
 
-def _make_way_beside(features: Features):
-    """Return a Warp function: the way [m] of particle i if collider c pressed a segment beside it, the longer one."""
-    way_out = _make_way_out(features)
+@wp.func
+def _weights_beside(i: int, point: int, c: int, ctx: Context) -> wp.vec3:
+    """Return the weights of a point of a rope, and the move of particle i that moves it by 1.
 
-    @wp.func
-    def way_beside(i: int, c: int, ctx: Context) -> wp.vec3:
-        way = wp.vec3(0.0)
-        for k in range(wp.max(i - 1, 0), wp.min(i + 1, ctx.body.count - 1)):
-            press = ctx.state.contact.presses[(ctx.body.panels + k) * ctx.colliders.shape[0] + c]
-            if press.when >= ctx.substep - 1:
-                first, beyond = press.weights[0], press.weights[1] + press.weights[2]
-                left = wp.max(left_of(k, ctx), left_of(k + 1, ctx))
-                out = way_out(first * _start_of(k, ctx) + beyond * _start_of(k + 1, ctx), left, c, ctx)
-                share = wp.where(k == i, first, beyond) / (first * first + beyond * beyond)
-                way = longer(way, share * out)
-        return way
-
-    return way_beside
+    point: 0 is the particle itself; 1 and 2 are where collider c pressed the segment that begins and ends there.
+    """
+    k = i - wp.where(point == 2, 1, 0)
+    if point == 0:
+        return wp.vec3(1.0, 0.0, 1.0)
+    if k < 0 or k + 1 >= ctx.body.count:
+        return wp.vec3(0.0)
+    entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
+    if ctx.state.contact.presses[entry].when < ctx.substep - 1:
+        return wp.vec3(0.0)
+    weights = ctx.state.contact.presses[entry].weights
+    beyond = weights[1] + weights[2]
+    share = wp.where(k == i, weights[0], beyond) / (weights[0] * weights[0] + beyond * beyond)
+    return wp.vec3(weights[0], beyond, share)
 
 
 def make_part(features: Features):
-    """Return a Warp function that moves particle i of a rope out of an overlap before its solve, if there was any."""
-    near_of, way_out, way_beside = make_near_of(features.listed), _make_way_out(features), _make_way_beside(features)
+    """Return a Warp function that moves particle i of a rope out of an overlap before its solve, if there was any.
+
+    If a collider pressed a segment beside the particle deeper, it goes with that.
+    """
+    near_of, way_out = make_near_of(features.listed), _make_way_out(features)
+    points = 3 if features.surface else 1
 
     @wp.func
     def part(i: int, ctx: Context):
@@ -207,9 +211,13 @@ def make_part(features: Features):
         near, way = near_of(ctx), wp.vec3(0.0)
         c = next_of(-1, near, False)
         while c < ctx.colliders.shape[0]:
-            way = longer(way, way_out(_start_of(i, ctx), left_of(i, ctx), c, ctx))
-            if wp.static(features.surface):
-                way = longer(way, way_beside(i, c, ctx))
+            for point in range(wp.static(points)):
+                weights = _weights_beside(i, point, c, ctx)
+                k = wp.max(i - wp.where(point == 2, 1, 0), 0)
+                beyond = wp.min(k + 1, ctx.body.count - 1)
+                at = weights[0] * _start_of(k, ctx) + weights[1] * _start_of(beyond, ctx)
+                left = wp.max(left_of(k, ctx), wp.where(weights[1] > 0.0, left_of(beyond, ctx), 0.0))
+                way = longer(way, weights[2] * way_out(at, left, c, ctx))
             c = next_of(c, near, False)
         note_parted(i, way, ctx)
         ctx.state.rope.targets[ctx.body.particles + i] += way
