@@ -10,8 +10,11 @@ from cloth_sim_ros.sim.kernels.intrinsics import pack, xyz
 _TRACED = 1.0e-3  # distance from the surface at which tracing of a path ends, as a fraction of the thickness
 
 
-def make_ccd(shapes: tuple[str, ...]):
-    """Return a Warp function: the contact of a moving point with a collider of one of `shapes`."""
+def make_ccd(shapes: tuple[str, ...], called: bool):
+    """Return a Warp function: the contact of a moving point with a collider of one of `shapes`.
+
+    called: True if it is a function call; a rope asks in so many places that a GPU compiles for minutes otherwise.
+    """
     signed_distance, is_beyond = make_signed_distance(shapes), make_is_beyond(shapes)
 
     @wp.func
@@ -36,7 +39,6 @@ def make_ccd(shapes: tuple[str, ...]):
             count += 1
         return pack(xyz(surface), wp.where(reached > 1.0, -1.0, reached))
 
-    @wp.func
     def meet(
         shape: int, size: wp.vec3, data: wp.uint64, p: wp.vec3, slip: wp.vec3, thickness: float, apart: Apart
     ) -> tuple[wp.vec4, float, float]:
@@ -79,4 +81,4 @@ def make_ccd(shapes: tuple[str, ...]):
             gap += wp.max(overlap - apart.left - apart.most, 0.0)
         return pack(n, gap), parts, overlap
 
-    return meet
+    return wp.func(meet, inline=False if called else None)

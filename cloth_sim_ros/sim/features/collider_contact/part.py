@@ -105,7 +105,7 @@ def make_meet(features: Features):
 
     See make_ccd. A rope is moved out of an overlap by `part`, so that its contact has no part in that.
     """
-    meet, leans = make_ccd(features.shapes), features.leans
+    meet, leans = make_ccd(features.shapes, features.leans), features.leans
 
     @wp.func
     def meet_at(
@@ -124,7 +124,7 @@ def make_meet(features: Features):
 
 def make_meet_between(features: Features):
     """Return the same for a point of a facet, with weights of its corners."""
-    meet, leans = make_ccd(features.shapes), features.leans
+    meet, leans = make_ccd(features.shapes, features.leans), features.leans
 
     @wp.func
     def meet_between(
