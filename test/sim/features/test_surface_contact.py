@@ -295,10 +295,12 @@ def test_a_towel_slides_over_the_edge_of_a_table_as_friction_lets_it(device, spe
     assert slid_over(table, speed, substeps, frames, device) == pytest.approx(speed * frames / 60, rel=0.02)
 
 
-def test_a_towel_slides_over_the_edge_of_a_mesh_as_over_that_of_a_box(device):
+@pytest.mark.parametrize(("substeps", "more"), [(0, 0.05), (80, 0.03)])
+def test_a_towel_slides_over_the_edge_of_a_mesh_as_over_that_of_a_box(device, substeps, more):
+    """In few substeps it goes 3 to 4 % less far over that of a box, and as far over both in many."""
     table = Box(half_extents=(0.5, 0.5, 0.05), position=(0, 0, -0.05), **SMOOTH)
-    ways = [slid_over(each, 1.0, 0, 28, device) for each in (table, in_two_parts(**SMOOTH))]
-    assert ways[1] == pytest.approx(ways[0], rel=0.03)
+    ways = [slid_over(each, 1.0, substeps, 28, device) for each in (table, in_two_parts(**SMOOTH))]
+    assert 0.97 * ways[0] < ways[1] < (1.0 + more) * ways[0]
 
 
 @pytest.mark.parametrize("count", [53, 57])
