@@ -232,7 +232,7 @@ class Simulation(Live, Placing, Tensors, Cuts):
 
         Every object has:
 
-        - kinetic_energy [J]; elastic_energy [J] of a sheet without self or object contact and forces of its own, up to
+        - kinetic_energy [J]; elastic_energy [J] without self or object contact, a winch and forces of its own, up to
           a constant if it is curved at rest; max_strain, the largest relative change of a spring's length [-].
         - max_penetration, by which the surface lies deeper than the thickness in a collider [m]; particle_penetration,
           the same for the deepest particle [m].
