@@ -78,7 +78,7 @@ def make_ccd(shapes: tuple[str, ...], called: bool):
             parts = separated(overlap, apart)
             gap += wp.max(wp.min(overlap, apart.left) - parts, 0.0)
         if gap < -apart.most:
-            gap += wp.max(overlap - apart.left - apart.most, 0.0)
+            gap -= wp.min(before[3] - thickness + apart.left + apart.most, 0.0)
         return pack(n, gap), parts, overlap
 
     return wp.func(meet, inline=False if called else None)
