@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame that gains energy is computed again: whatever a sheet starts from, its energy never exceeds that."""
+"""A frame that gains energy is computed again: whatever a body starts from, its energy never exceeds that."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.spatial import Delaunay
 
-from cloth_sim_ros.sim import Cloth, Handle, Scene, Settings, Simulation, Wind
+from cloth_sim_ros.sim import Cloth, Handle, Rope, Scene, Settings, Simulation, Wind
 
 SIZE = 12
 WAYS = [{"substeps": 1}, {"substeps": 5}, pytest.param({"substeps": 5, "order": 1}, marks=pytest.mark.long), {}]
@@ -111,6 +112,55 @@ def test_elastic_energy_is_that_of_the_springs(bending):
     start(sim, "three times") if bending == "none" else None
     sim.step(3)
     assert sim.report()["it"]["elastic_energy"] == pytest.approx(energy_of(sim)[1], rel=1e-4)
+
+
+def bow(segments=20, length=1.0, chord=0.7):
+    """Points of an arc that hangs between two points `chord` apart [m]."""
+    half = brentq(lambda a: length * np.sin(a) / a - chord, 1e-3, 3.0)
+    angles = np.linspace(-half, half, segments + 1)
+    radius = length / (2.0 * half)
+    return np.stack([radius * np.sin(angles), 0.0 * angles, radius * (np.cos(half) - np.cos(angles))], axis=1)
+
+
+@pytest.mark.parametrize("material", ["rubber hose", "power cable"])
+def test_elastic_energy_of_a_rope_is_that_of_its_stretch_and_bend(material):
+    rope = Rope.of(material, points=bow(), pins=[0, 20])
+    sim = Simulation(Scene({"it": rope}), Settings(), "cpu")
+    sim.step(60)
+    rest = np.linalg.norm(np.diff(bow(), axis=0), axis=1)
+    stretched = 0.5 * (sim.tensions("it").astype(np.float64) ** 2 * rest).sum() * rope.stretch_compliance
+
+    def turns(points):
+        return np.linalg.norm(np.diff(np.diff(points, axis=0) / rest[:, None], axis=0), axis=1)
+
+    bend = turns(sim.positions("it").astype(np.float64)) - turns(bow())
+    spans = 0.5 * (rest[1:] + rest[:-1])
+    bent = 0.5 * (bend**2 / spans).sum() / rope.bend_compliance
+    assert sim.report()["it"]["elastic_energy"] == pytest.approx(stretched + bent, rel=0.02)
+
+
+def test_elastic_energy_of_a_twisted_rope_is_that_of_its_twist():
+    held = {"start": (0.0, 0.0, 0.0), "end": (1.0, 0.0, 0.0), "pins": [0, 1, 19, 20]}
+    rope = Rope.of("power cable", segments=20, twist_compliance=20.0, end_turn=2.0, **held)
+    sim = Simulation(Scene({"it": rope}, gravity=(0, 0, 0)), Settings(), "cpu")
+    sim.step(2)
+    # The segments in the clamps do not twist.
+    assert sim.report()["it"]["elastic_energy"] == pytest.approx(0.5 * 2.0**2 / (rope.twist_compliance * 0.9), rel=0.01)
+
+
+@pytest.mark.parametrize("material", ["nylon rope", "steel cable", "rubber hose"])
+def test_hands_that_move_and_turn_a_rope_do_work_that_is_no_gain(material):
+    points = bow()
+    hands = {name: Handle(position=tuple(points[i]), reach=0.12, attached=True) for name, i in (("a", 0), ("b", -1))}
+    rope = Rope.of(material, points=points, pins=None)
+    sim = Simulation(Scene({"it": rope}, handles=hands), Settings(), "cpu")
+    for frame in range(60):
+        turn, way = 3.0 * frame / 60, 0.1 * np.sin(6.0 * frame / 60)
+        sim.set_handle_pose("a", points[0] + (0.0, way, 0.0), (np.sin(turn), 0.0, 0.0, np.cos(turn)))
+        sim.set_handle_pose("b", points[-1] + (0.0, 0.0, way), (0.0, 0.0, 0.0, 1.0))
+        sim.step()
+    report = sim.report()["it"]
+    assert report["elastic_energy"] > 1e-3 and report["redone"] == 0
 
 
 def tube(share):
