@@ -69,8 +69,9 @@ def _put_parted(i: int, parted: wp.vec3, ctx: Context):
 @wp.func
 def note_parted(i: int, moved: wp.vec3, ctx: Context):
     """Note by how much particle i is moved out of an overlap [m] in this substep, if by more than so far."""
-    if wp.length_sq(moved) > wp.length_sq(parted_of(i, ctx)):
-        _put_parted(i, moved, ctx)
+    if wp.length_sq(moved) > 0.0:  # few are moved, so what was noted is read for these alone
+        if wp.length_sq(moved) > wp.length_sq(parted_of(i, ctx)):
+            _put_parted(i, moved, ctx)
 
 
 @wp.func

@@ -249,13 +249,11 @@ def make_touch(features: Features):
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:
         material, step = ctx.material, ctx.step
-        packed = load4(ctx.d, i)
-        row = load4(ctx.x, i)
+        packed, row = load4(ctx.d, i), load4(ctx.x, i)
         w = packed[3]
         if w <= wp.static(least) * row[3]:
             return CLOSE
-        position = xyz(row)
-        displacement = xyz(packed)
+        position, displacement = xyz(row), xyz(packed)
         close, touched, push, parted = bool(False), bool(False), Push(), wp.vec3(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
@@ -264,8 +262,7 @@ def make_touch(features: Features):
             entry = met.slot * ctx.colliders.shape[0] + c
             known = before_of(i, c, entry, w, met, ctx)
             before, acted = xyz(known), known[3] > 0.0
-            after = before
-            touch = float(0.0)
+            after, touch = before, float(0.0)
             offset = (position - ctx.state.contact.sweeps[k].position) + displacement
             reach = ctx.colliders[c].reach + material.thickness
             motion, spin = ctx.state.contact.sweeps[k].motion, ctx.state.contact.sweeps[k].spin

@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     make_touched_in,
 )
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, keep_lean, rubs
-from cloth_sim_ros.sim.features.collider_contact.part import make_meet_between, note_parted
+from cloth_sim_ros.sim.features.collider_contact.part import is_placed, make_meet_between, note_parted
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
@@ -408,7 +408,8 @@ def make_yield(features: Features):
                 entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(entry, (met.share / w) * correction, ctx)
                 touched = True
-                parted += w * parting_of(i, c, ctx)
+                if is_placed(ctx):
+                    parted += w * parting_of(i, c, ctx)
                 if wp.static(features.order == 2):
                     n = normal_at(i, c, ctx)
                     motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
