@@ -30,7 +30,7 @@ from cloth_sim_ros.sim.features.air.panels import make_panels
 from cloth_sim_ros.sim.features.collider_contact.arrays import SWEPT
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import list_colliders, make_forget_contacts, measure_extent
 from cloth_sim_ros.sim.features.collider_contact.facet_clamp import make_facet_clamp, make_give_up_way
-from cloth_sim_ros.sim.features.collider_contact.part import forget_overlaps, make_part
+from cloth_sim_ros.sim.features.collider_contact.part import forget_overlaps, is_placed, make_part
 from cloth_sim_ros.sim.features.collider_contact.particle import make_contact, make_met_in
 from cloth_sim_ros.sim.features.collider_contact.pinch_hold import make_feel_pinched, make_hold_pinched
 from cloth_sim_ros.sim.features.collider_contact.surface import make_carry_presses, make_press, make_yield
@@ -197,6 +197,8 @@ def make_enter(features: Features):
             ctx.step.weighs = ctx.step.weighs or not smooth
         bodies, colliders = ctx.model.bodies.shape[0], ctx.colliders.shape[0]
         ctx.sweep = (substep % wp.static(SWEPT) * bodies + ctx.body.index) * colliders
+        if wp.static(features.shapes != ()):
+            ctx.placed = is_placed(ctx.body.index, ctx.state)
         return ctx
 
     return enter

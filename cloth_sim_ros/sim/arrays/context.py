@@ -41,6 +41,7 @@ class Context:
     sweep: int  # where the motion of its first collider in this substep lies in ContactState.sweeps
     group: int  # round of lines
     last: bool  # last iteration
+    placed: bool  # the body was placed into a collider when anything was changed last, see part.py
 
 
 @wp.func_native("""

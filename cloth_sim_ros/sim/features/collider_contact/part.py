@@ -11,7 +11,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
-from cloth_sim_ros.sim.arrays.state import ColliderMotion
+from cloth_sim_ros.sim.arrays.state import ColliderMotion, State
 from cloth_sim_ros.sim.colliders import make_signed_distance
 from cloth_sim_ros.sim.features.collider_contact.arrays import EXTENT, OVERLAPS, Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import make_near_of, next_of
@@ -37,15 +37,15 @@ def _place_of(i: int, ctx: Context) -> int:
 
 
 @wp.func
-def is_placed(ctx: Context) -> bool:
-    """Return True if the body was placed into a collider when anything was changed last."""
-    return ctx.state.contact.extents[wp.static(EXTENT) * ctx.body.index + wp.static(OVERLAPS)] > 0.0
+def is_placed(b: int, s: State) -> bool:
+    """Return True if body b was placed into a collider when anything was changed last."""
+    return s.contact.extents[wp.static(EXTENT) * b + wp.static(OVERLAPS)] > 0.0
 
 
 @wp.func
 def left_of(i: int, ctx: Context) -> float:
     """Return what is left of the overlap [m] of particle i as it was placed."""
-    if is_placed(ctx):
+    if ctx.placed:
         return ctx.state.contact.overlaps[_place_of(i, ctx) + 3]
     return 0.0
 
@@ -54,7 +54,7 @@ def left_of(i: int, ctx: Context) -> float:
 def parted_of(i: int, ctx: Context) -> wp.vec3:
     """Return by how much particle i was moved out of an overlap [m] in this substep."""
     parted = wp.vec3(0.0)
-    if is_placed(ctx):
+    if ctx.placed:
         for k in range(3):
             parted[k] = ctx.state.contact.overlaps[_place_of(i, ctx) + k]
     return parted
@@ -207,7 +207,7 @@ def make_part(features: Features):
     @wp.func
     def part(i: int, ctx: Context):
         packed = load4(ctx.d, i)
-        if not is_placed(ctx) or is_measured(ctx) or packed[3] <= HELD * load4(ctx.x, i)[3]:
+        if not ctx.placed or is_measured(ctx) or packed[3] <= HELD * load4(ctx.x, i)[3]:
             return
         near, way = near_of(ctx), wp.vec3(0.0)
         c = next_of(-1, near, False)

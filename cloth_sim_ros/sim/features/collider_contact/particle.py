@@ -5,6 +5,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
+from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
 from cloth_sim_ros.sim.features.collider_contact.part import make_meet, note_parted, parted_of
@@ -195,6 +196,14 @@ def _make_correct(features: Features):
     return correct
 
 
+@wp.func
+def parted_by(pressed: float, overlap: float, n: wp.vec3, sweep: Sweep) -> wp.vec3:
+    """Return what of a push [m] along the local normal n ends an overlap [m]."""
+    if overlap > 0.0:
+        return wp.clamp(pressed, 0.0, overlap) * (wp.transpose(sweep.to_local) * n)
+    return wp.vec3(0.0)
+
+
 def make_leave(features: Features):
     """Return a Warp function that applies the colliders' result to particle i."""
 
@@ -296,10 +305,10 @@ def make_touch(features: Features):
                     after, moved, pushed = correct(before, n, gap, tangential, softness, friction, met, ctx)
                     pressed = wp.dot(after, n)
                     displacement += wp.transpose(sweep.to_local) * moved
-                    part = wp.clamp(pressed, 0.0, overlap) * n
-                    parted += wp.transpose(sweep.to_local) * part
-                    pushed -= wp.where(ctx.last, part, wp.vec3(0.0))
-                    add_force(entry, (met.share / w) * (wp.transpose(sweep.to_local) * pushed), ctx)
+                    part = parted_by(pressed, overlap, n, sweep)
+                    parted += part
+                    counts = wp.transpose(sweep.to_local) * pushed - wp.where(ctx.last, part, wp.vec3(0.0))
+                    add_force(entry, (met.share / w) * counts, ctx)
                     touched = True
                     touch = float(ctx.substep + 2)
                     if stray:

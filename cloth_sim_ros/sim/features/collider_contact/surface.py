@@ -24,7 +24,7 @@ from cloth_sim_ros.sim.features.collider_contact.facet_place import (
     make_touched_in,
 )
 from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, keep_lean, rubs
-from cloth_sim_ros.sim.features.collider_contact.part import is_placed, make_meet_between, note_parted
+from cloth_sim_ros.sim.features.collider_contact.part import make_meet_between, note_parted
 from cloth_sim_ros.sim.features.collider_contact.particle import (
     Met,
     Push,
@@ -222,7 +222,8 @@ def make_press_on(features: Features):
         back = wp.transpose(sweep.to_local)
         press.normal = back * n
         press.push = more * press.normal
-        press.part = wp.clamp(before[3] + more, 0.0, overlap / w)
+        if overlap > 0.0:
+            press.part = wp.clamp(before[3] + more, 0.0, overlap / w)
         press.rub = back * press.rub
         if wp.static(leans):
             press.so_far *= ctx.step.inverse_square
@@ -303,49 +304,33 @@ def make_press(features: Features):
     return press
 
 
-@wp.func
-def share_in(q: int, i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the part of the push on facet q by collider c that particle i takes [kg m]."""
-    press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
-    if press.when != ctx.substep:
-        return wp.vec3(0.0)
-    place = corner_in(q, i, ctx)
-    return press.weights[place] * press.push + press.rubbed[place] * press.rub
+@wp.struct
+class Yield:
+    """Sums over the facets around a particle, of what one collider does to them.
+
+    wanted: correction over the inverse mass [kg m]. parting: the part of it that ends overlaps, see part.py [kg m].
+    normal: that of the collider, weighted by the pushes [kg m].
+    """
+
+    wanted: wp.vec3
+    parting: wp.vec3
+    normal: wp.vec3
 
 
 @wp.func
-def wanted_of(i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the correction over the inverse mass [kg m] of particle i by collider c, summed over its facets."""
-    slot = ctx.body.particles + i
-    sum = wp.vec3(0.0)
-    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
-        sum += share_in(ctx.model.particle_panels[place], i, c, ctx)
-    return sum
-
-
-@wp.func
-def parting_of(i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the part of `wanted_of` [kg m] that ends overlaps, see part.py."""
-    slot = ctx.body.particles + i
-    sum = wp.vec3(0.0)
+def yield_of(i: int, c: int, ctx: Context) -> Yield:
+    """Return what collider c does to the facets around particle i, as far as the particle takes it."""
+    slot, found = ctx.body.particles + i, Yield()
     for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
         q = ctx.model.particle_panels[place]
         press = ctx.state.contact.presses[q * ctx.colliders.shape[0] + c]
         if press.when == ctx.substep:
-            sum += press.weights[corner_in(q, i, ctx)] * press.part * press.normal
-    return sum
-
-
-@wp.func
-def normal_at(i: int, c: int, ctx: Context) -> wp.vec3:
-    """Return the mean normal of a collider at the facets around particle i, weighted by their pushes."""
-    slot = ctx.body.particles + i
-    normal = wp.vec3(0.0)
-    for place in range(ctx.model.panel_start[slot], ctx.model.panel_start[slot + 1]):
-        q = ctx.model.particle_panels[place]
-        share = share_in(q, i, c, ctx)
-        normal += wp.length(share) * ctx.state.contact.presses[q * ctx.colliders.shape[0] + c].normal
-    return wp.normalize(normal)
+            k = corner_in(q, i, ctx)
+            share = press.weights[k] * press.push + press.rubbed[k] * press.rub
+            found.wanted += share
+            found.normal += wp.length(share) * press.normal
+            found.parting += press.weights[k] * press.part * press.normal
+    return found
 
 
 def _make_leaned(features: Features):
@@ -402,17 +387,16 @@ def make_yield(features: Features):
         c = next_of(-1, met.near, False)
         while c < ctx.colliders.shape[0]:
             add_load(i, c, ctx)
-            correction = w * wanted_of(i, c, ctx)
+            found = yield_of(i, c, ctx)
+            correction = w * found.wanted
             if wp.length_sq(correction) > 0.0:
                 displacement += correction
+                parted += w * found.parting
                 entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(entry, (met.share / w) * correction, ctx)
                 touched = True
-                if is_placed(ctx):
-                    parted += w * parting_of(i, c, ctx)
                 if wp.static(features.order == 2):
-                    n = normal_at(i, c, ctx)
-                    motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
+                    n, motion = wp.normalize(found.normal), ctx.state.contact.sweeps[ctx.sweep + c].motion
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
