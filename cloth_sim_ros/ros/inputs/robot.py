@@ -24,7 +24,6 @@ from cloth_sim_ros.sim.mesh_file import load_mesh, local_path
 
 GROUP = "robot"  # of its parameters, and the first part of the names of its colliders
 _TURNS, _SHIFTS = ("revolute", "continuous"), ("prismatic",)
-_NOWHERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ class Unstable(ValueError):
 # springs most modes are near the fastest, in a sheet few.
 _SHARE = 0.7
 _SHARE_OF_LINES = 0.5
-LEAPFROG = 2.0 * _SHARE  # omega h of the steps that are taken for a sheet
 
 _ROUNDING = 2.0**-24 / math.sqrt(3.0)  # RMS relative rounding error of a length in float32
 _HEAT = 1e-2  # largest heating by rounding [m^2/s^3]; beyond it a spring counts as rigid

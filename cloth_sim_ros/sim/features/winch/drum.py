@@ -66,7 +66,7 @@ def density_at(k: int, m: Model, body: Body) -> float:
 
 
 @wp.func
-def effective_materials(winch: WinchState, m: Model, body: Body) -> float:
+def mass_beyond(winch: WinchState, m: Model, body: Body) -> float:
     """Return the mass [kg] of the particle after the drum, with the part of its segment that is out."""
     k = winch.index
     lacks = m.segment_length[body.segments + k] - winch.length
@@ -184,7 +184,7 @@ def make_turn(order: int):
         winch.fed = length - winch.length
         winch.backlog += (fed - winch.fed) - returned  # includes the rounding error of the length
         winch.length = length
-        weigh(winch.index + 1, effective_materials(winch, ctx.model, ctx.body), ctx.x)
+        weigh(winch.index + 1, mass_beyond(winch, ctx.model, ctx.body), ctx.x)
         ctx.state.winch.winches[ctx.body.index] = winch
 
     return turn
