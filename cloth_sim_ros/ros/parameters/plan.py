@@ -20,7 +20,7 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.mesh_file import load_mesh, tell_once
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
 from cloth_sim_ros.sim.scene.forces import FORCES, Force
-from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, cell_of, rope_fields, sheet_fields, triangles_area
 
 Values = Mapping[str, Any]  # full parameter name -> checked value
 
@@ -135,7 +135,8 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
     if path:
         area = scale**2 * triangles_area(*load_mesh(path, f"{name}.mesh", scale))
     own_fields = {field: value for field, value in own.items() if f"{name}.{field}" in given}
-    return sheet_fields(own["material"], area, own_fields, bool(path))
+    cell = None if path else cell_of(own["size"], own["resolution"])
+    return sheet_fields(own["material"], area, own_fields, cell)
 
 
 def make_object(values: Values, name: str) -> Cloth | Rope:

@@ -24,10 +24,11 @@ runs. Whole numbers and text such as `1e-6` are accepted for decimals.
 """
 
 MATERIALS = """`material` sets what is not set otherwise: mass, compliances, bending (`dihedral`, of a rope `angle`),
-damping, friction, and of a cloth half of its thickness. A grid of square cells and a mesh then have the Young's moduli
-E of warp and weft and the shear modulus. A mesh has Poisson's ratio too; of a grid it is about shear / E of the weft. B
-are the flexural rigidities of strips along warp, weft and at 45 degrees. A compliance that is set scales those of weft
-and diagonal that are not. A rope of another `radius` has mass and EA by its square, EI by its fourth power.
+damping, friction, and of a cloth half of its thickness. It then has the Young's moduli E of warp and weft and the shear
+modulus; the log tells where a grid's cells are too long for that. A mesh has Poisson's ratio too; of a grid it is about
+shear / E of the weft. B are the flexural rigidities of strips along warp, weft and at 45 degrees. A compliance that is
+set scales those of weft and diagonal that are not. A rope of another `radius` has mass and EA by its square, EI by its
+fourth power.
 """
 
 

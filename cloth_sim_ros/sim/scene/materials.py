@@ -18,9 +18,11 @@ are was chosen with published drape coefficients in view (docs/explanation/fabri
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
+from functools import lru_cache
 from numbers import Real
 from types import MappingProxyType
 from typing import Any
@@ -28,6 +30,8 @@ from typing import Any
 import numpy as np
 
 from cloth_sim_ros.sim.input.mesh_repair import areas_of
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -176,28 +180,58 @@ CORDS = {
 }  # fmt: skip
 
 
-def spring_constants(warp: float, weft: float, shear: float) -> tuple[float, float, float]:
-    """Constants [N/m] of the structural springs along warp and weft, and of the diagonals, of a grid of square cells.
+def spring_constants(
+    warp: float, weft: float, shear: float, cell: tuple[float, float] = (1.0, 1.0)
+) -> tuple[float, float, float]:
+    """Constants [N/m] of the structural springs along warp and weft, and of the diagonals, of a grid.
 
-    Such a grid has C11 = k_warp + k_d, C22 = k_weft + k_d and C12 = C66 = k_d [N/m]. So its shear modulus is k_d, and
-    Young's moduli are C11 - k_d^2 / C22 and C22 - k_d^2 / C11; this solves them. Poisson's ratio follows, k_d / C22.
+    Such a grid has C12 = C66, its shear modulus G. Young's moduli are C11 - G^2 / C22 and C22 - G^2 / C11, which this
+    solves. A cell of sides a and b has G = 2 k_d a b / (a^2 + b^2), C11 = k_warp a / b + G a^2 / b^2, and C22 likewise.
+    Poisson's ratio follows, G / C22.
+
+    Args:
+        warp: Young's modulus along the warp [N/m].
+        weft: Young's modulus along the weft [N/m].
+        shear: Shear modulus [N/m].
+        cell: Sides of a cell along warp and weft, in any unit.
     """
+    longer = cell[0] / cell[1]
     along = 0.5 * (warp + math.sqrt(warp**2 + 4.0 * shear**2 * warp / weft))
-    return along - shear, along * weft / warp - shear, shear
+    across = along * weft / warp
+    diagonal = 0.5 * shear * (longer + 1.0 / longer)
+    return (along - shear * longer**2) / longer, (across - shear / longer**2) * longer, diagonal
 
 
 def sheet_fields(
-    material: str | Fabric, area: float, given: Mapping[str, Any] = MappingProxyType({}), mesh: bool = False
+    material: str | Fabric,
+    area: float,
+    given: Mapping[str, Any] = MappingProxyType({}),
+    cell: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """The fields of a Cloth of `area` [m^2] in a material, a name of FABRICS or one's own, with those `given`.
+    """The fields of a Cloth in a material.
 
     The material sets bending only where that is "dihedral". A compliance that is given scales those of weft and
-    diagonal that are not. Raises ValueError if there is no material of that name.
+    diagonal that are not. The log tells where long cells of a grid cannot carry all of the shear modulus.
+
+    Args:
+        material: A name of FABRICS, or a Fabric of one's own.
+        area: Area of the cloth [m^2].
+        given: Fields that are set.
+        cell: Sides of the cells of a grid along warp and weft [m]; None for a mesh.
+
+    Raises:
+        ValueError: There is no material of that name.
     """
     fabric = material if isinstance(material, Fabric) else _find(FABRICS, material)
     warp, weft, shear = fabric.warp, fabric.weft, fabric.shear
+    mesh = cell is None
     if not mesh:
-        warp, weft, shear = spring_constants(warp, weft, shear)
+        longer = cell[0] / cell[1]
+        most = _MOST_SHEAR * min(warp / longer**2, weft * longer**2)
+        if shear > most:
+            name = material if isinstance(material, str) else "this fabric"
+            _tell_less_shear(name, 1e3 * cell[0], 1e3 * cell[1], shear, most)
+        warp, weft, shear = spring_constants(warp, weft, min(shear, most), cell)
     fields = {
         "mass": fabric.areal_mass * area,
         "stretch_compliance": 1.0 / warp,
@@ -226,11 +260,30 @@ def sheet_fields(
     return {**fields, **given}
 
 
+# Largest shear modulus of a grid over that of which its diagonals alone are as stiff as the fabric along warp or weft.
+_MOST_SHEAR = 0.9
+
+
+@lru_cache
+def _tell_less_shear(material: str, along: float, across: float, shear: float, most: float) -> None:
+    """Tell once that a grid of such cells [mm] has the shear modulus `most` for `shear` [N/m]."""
+    _LOG.warning(
+        "a grid of %s with cells of %.3g x %.3g mm has a shear modulus of %.3g N/m for %.3g; a resolution with squarer "
+        "cells has all of it",
+        *(material, along, across, most, shear),
+    )
+
+
 # Compliance -> those that keep their ratio to it.
 _FOLLOWERS = {
     "stretch_compliance": ("weft_compliance",),
     "bend_compliance": ("weft_bend_compliance", "diagonal_bend_compliance"),
 }
+
+
+def cell_of(size: tuple[float, float], resolution: tuple[int, int]) -> tuple[float, float]:
+    """The sides [m] of a cell of a grid of this size [m] and number of particles."""
+    return size[0] / (resolution[0] - 1), size[1] / (resolution[1] - 1)
 
 
 def triangles_area(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -18,7 +18,7 @@ from cloth_sim_ros.sim.input.checks import check_fields, finite_array
 from cloth_sim_ros.sim.input.mesh_repair import Unfit, repair
 from cloth_sim_ros.sim.mesh_file import load_mesh, load_warp
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector
-from cloth_sim_ros.sim.scene.materials import Fabric, rope_fields, sheet_fields, triangles_area
+from cloth_sim_ros.sim.scene.materials import Fabric, cell_of, rope_fields, sheet_fields, triangles_area
 
 _LOG = logging.getLogger(__name__)
 _MOST_POISSON = 0.95  # part of the largest Poisson's ratio of a stable sheet
@@ -145,11 +145,14 @@ class Cloth:
     def of(cls, material: str | Fabric, **fields: Any) -> Cloth:
         """Make a sheet of a material in `materials.FABRICS`, or a Fabric; `fields` of Cloth, such as size, override it.
 
-        The warp is along x. The mass follows from the size. Stretch and shear are exact for square cells, and give
-        Poisson's ratio. Raises ValueError for an unknown material.
+        The warp is along x. The mass follows from the size. Stretch and shear give Poisson's ratio. Raises ValueError
+        for an unknown material.
         """
-        area = math.prod(table.check(table.row(table.CLOTH, "size"), fields.get("size", cls.size), "Cloth.size"))
-        return cls(**sheet_fields(material, area, fields))
+        size, resolution = (
+            table.check(table.row(table.CLOTH, name), fields.get(name, getattr(cls, name)), f"Cloth.{name}")
+            for name in ("size", "resolution")
+        )
+        return cls(**sheet_fields(material, math.prod(size), fields, cell_of(size, resolution)))
 
     @classmethod
     def from_mesh(
@@ -196,7 +199,7 @@ class Cloth:
             fields = {**fields, "warp": np.asarray(fields["warp"])[mesh.of]}
         points, faces = mesh.points, mesh.triangles
         if material:
-            fields = sheet_fields(material, triangles_area(points, faces), fields, mesh=True)
+            fields = sheet_fields(material, triangles_area(points, faces), fields)
         return cls(**{"pins": None, "shear_compliance": None, **fields, "vertices": points, "triangles": faces})
 
     @classmethod

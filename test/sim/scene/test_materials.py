@@ -58,14 +58,17 @@ def equilateral(count=6, edge=0.1):
     return points, np.concatenate([first, second])
 
 
+@pytest.mark.parametrize("resolution", [(17, 9), (13, 9), (21, 9)])
 @pytest.mark.parametrize("name", FABRICS)
-def test_a_sheet_weighs_and_stretches_as_its_fabric(name):
+def test_a_sheet_weighs_and_stretches_as_its_fabric(name, resolution):
+    """In square cells and in long ones."""
     fabric = FABRICS[name]
-    cloth = Cloth.of(name, size=(0.8, 0.4), resolution=(17, 9), pins=None)
+    cloth = Cloth.of(name, size=(0.8, 0.4), resolution=resolution, pins=None)
     assert cloth.mass == pytest.approx(fabric.areal_mass * 0.32, rel=1e-9)
     assert pulled_modulus(cloth, 0.4, 0.8) == pytest.approx(fabric.warp, rel=1e-3)
-    across = Cloth.of(Fabric(0.1, fabric.weft, fabric.warp, fabric.shear, 0.0, *3 * [1e-5]), size=(0.8, 0.4))
-    assert pulled_modulus(replace(across, resolution=(17, 9)), 0.4, 0.8) == pytest.approx(fabric.weft, rel=1e-3)
+    turned = Fabric(0.1, fabric.weft, fabric.warp, fabric.shear, 0.0, *3 * [1e-5])
+    across = Cloth.of(turned, size=(0.8, 0.4), resolution=resolution)
+    assert pulled_modulus(across, 0.4, 0.8) == pytest.approx(fabric.weft, rel=1e-3)
     shear = 2.0 * strained_energy(cloth, np.array([(0.0, 0.5), (0.5, 0.0)])) / 0.32
     assert shear == pytest.approx(fabric.shear, rel=1e-5)
     rigidities = (fabric.bend_warp, fabric.bend_weft, fabric.bend_diagonal)
@@ -73,6 +76,15 @@ def test_a_sheet_weighs_and_stretches_as_its_fabric(name):
     assert cloth.bending == "dihedral" and bends == pytest.approx([1.0 / each for each in rigidities])
     assert cloth.damping == fabric.damping and cloth.thickness == 0.5 * fabric.thickness
     assert (cloth.static_friction, cloth.kinetic_friction) == (fabric.static_friction, fabric.kinetic_friction)
+
+
+def test_a_grid_of_cells_too_long_for_the_shear_tells_what_it_has(caplog):
+    cloth = Cloth.of("jersey", size=(0.8, 0.2), resolution=(17, 9), pins=None)
+    shear = 2.0 * strained_energy(cloth, np.array([(0.0, 0.5), (0.5, 0.0)])) / 0.16
+    assert shear == pytest.approx(0.9 * FABRICS["jersey"].warp / 4.0)
+    assert pulled_modulus(cloth, 0.2, 0.8) == pytest.approx(FABRICS["jersey"].warp, rel=1e-3)
+    (told,) = caplog.messages
+    assert "jersey" in told and "50 x 25 mm" in told and "18 N/m for 37" in told
 
 
 @pytest.mark.parametrize("name", FABRICS)

@@ -63,7 +63,7 @@ class Press:
     so_far: wp.vec4
     lean: wp.vec4
     acted: wp.vec3
-    friction: wp.vec2
+    friction: wp.vec3
     rounded: float
     stuck: wp.vec3
     slides: int

@@ -30,7 +30,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
-from cloth_sim_ros.sim.physics.friction import friction_correction, outward
+from cloth_sim_ros.sim.physics.friction import SLOW, coefficient, friction_correction, outward
 from cloth_sim_ros.sim.ropes.arrays import Point
 
 RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
@@ -114,17 +114,18 @@ def along_corner(mu: float, half_turn: float) -> float:
 
 
 @wp.func
-def rubs(collider: ColliderMotion, ctx: Context) -> wp.vec2:
-    """Return the coefficients of static and kinetic friction of a body on a collider."""
+def rubs(collider: ColliderMotion, ctx: Context) -> wp.vec3:
+    """Return the friction of a body on a collider, see `coefficient` of physics/friction.py."""
     static = wp.sqrt(ctx.material.static_friction * collider.static_friction)
-    return wp.vec2(static, wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction))
+    kinetic = wp.sqrt(ctx.material.kinetic_friction * collider.kinetic_friction)
+    return wp.vec3(static, kinetic, SLOW * ctx.frame.dt)
 
 
 @wp.func
-def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.vec2:
-    """Return the coefficients of static and kinetic friction of a body on a collider, at such a corner of a rope."""
+def friction_of(collider: ColliderMotion, half_turn: float, ctx: Context) -> wp.vec3:
+    """Return the friction of a body on a collider, at such a corner of a rope."""
     mu = rubs(collider, ctx)
-    return wp.vec2(along_corner(mu[0], half_turn), along_corner(mu[1], half_turn))
+    return wp.vec3(along_corner(mu[0], half_turn), along_corner(mu[1], half_turn), mu[2])
 
 
 @wp.func
@@ -161,8 +162,8 @@ def _turn_beside(k: int, beside: int, i: int, c: int, ctx: Context) -> float:
 
 
 @wp.func
-def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Context) -> wp.vec2:
-    """Return the coefficients of static and kinetic friction of segment k of a rope on collider c.
+def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Context) -> wp.vec3:
+    """Return the friction of segment k of a rope on collider c.
 
     weights: of the point that is pressed. forward: above 0 if friction acts towards its end. A neighbour that is
     pressed too takes its part of the turn between them, without a jump as it lifts off: that would shake the rope. It
@@ -172,7 +173,7 @@ def friction_between(k: int, c: int, weights: wp.vec3, forward: float, ctx: Cont
     turn = _turn_beside(k, k - 1, k, c, ctx) + _turn_beside(k, k + 1, k + 1, c, ctx)
     lever = wp.clamp((weights[1] + weights[2]) / wp.max(weights[0], 1.0e-3), 0.5, 2.0)
     lever = wp.where(forward > 0.0, lever, 1.0 / lever)
-    return wp.vec2(along_segment(mu[0], turn, lever), along_segment(mu[1], turn, lever))
+    return wp.vec3(along_segment(mu[0], turn, lever), along_segment(mu[1], turn, lever), mu[2])
 
 
 @wp.func
@@ -192,7 +193,7 @@ def augmented(
     size: float,
     ratio: float,
     softness: float,
-    friction: wp.vec2,
+    friction: wp.vec3,
     unless_free: float,
 ) -> wp.vec4:
     """Return the correction [m] of a point by a collider, and the state of the contact, also if they are apart.
@@ -201,7 +202,7 @@ def augmented(
     on it slides freely.
 
     before: correction so far [m]; met: normal and gap [m]; slip: of the point on the collider [m]; size: distance from
-    the collider's origin [m]. All are in the collider's axes. ratio: R. friction: coefficients, static and kinetic.
+    the collider's origin [m]. All are in the collider's axes. ratio: R. friction: see `coefficient`.
     unless_free: state where friction may stop the point: DASHPOT, STICKS or SLIDES.
     """
     n = xyz(met)
@@ -214,17 +215,18 @@ def augmented(
         most = slack
     if wp.length(rub) <= most:
         return pack(pressed * n + rub, STICKS)
-    rubbed = friction[1] * cone / wp.length(rub)
+    kinetic = coefficient(friction, wp.max(wp.length(rub) - friction[0] * cone, 0.0) / ratio)
+    rubbed = kinetic * cone / wp.length(rub)
     # Friction that cannot stop the point in this substep has its full size. Else it is like a dashpot, and never turns
     # a motion round.
-    free = friction[1] * cone < wp.length(slip - wp.dot(slip, n) * n)
+    free = kinetic * cone < wp.length(slip - wp.dot(slip, n) * n)
     if unless_free == STICKS and not free:
         return pack(pressed * n + rub, STICKS)
     return pack(pressed * n + rubbed * rub, wp.where(free, SLIDES, unless_free) + rubbed)
 
 
 @wp.func
-def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: float, friction: wp.vec2):
+def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: float, friction: wp.vec3):
     """Return the multiplier (3,) [m] of a point after the solve, and how it moves to where it touches (3,) [m].
 
     before: correction in the solve. slip: what is left of it along the collider. The multiplier meets Coulomb's law,
@@ -235,7 +237,7 @@ def settled(before: wp.vec3, n: wp.vec3, gap: float, slip: wp.vec3, softness: fl
     pressed += out
     wanted = (before - wp.dot(before, n) * n) - slip
     sticks = wp.length(wanted) <= friction[0] * pressed
-    rub = friction_correction(wp.vec3(0.0), wanted, pressed, friction[0], friction[1])
+    rub = friction_correction(wp.vec3(0.0), wanted, pressed, friction)
     return pressed * n + rub, wp.where(sticks, out * n - slip, out * n)
 
 
@@ -250,14 +252,14 @@ def solved_lean(i: int, c: int, entry: int, w: float, moved: wp.vec3, ctx: Conte
 
 
 @wp.func
-def _rubs_wrongly(wanted: wp.vec3, solved: wp.vec3, before: wp.vec3, n: wp.vec3, friction: wp.vec2) -> bool:
+def _rubs_wrongly(wanted: wp.vec3, solved: wp.vec3, before: wp.vec3, n: wp.vec3, friction: wp.vec3) -> bool:
     """Return True if the friction that a solve left, part of the correction `solved` [m], is not Coulomb's.
 
     wanted: the correction that would stop the point. The load that bounds it is the mean before and after the solve,
     as it alternates in long ones.
     """
     load = 0.5 * (wp.max(wp.dot(before, n), 0.0) + wp.max(wp.dot(solved, n), 0.0))
-    rub = friction_correction(wp.vec3(0.0), wanted - wp.dot(wanted, n) * n, load, friction[0], friction[1])
+    rub = friction_correction(wp.vec3(0.0), wanted - wp.dot(wanted, n) * n, load, friction)
     most = friction[1] * load
     return most > 0.0 and wp.length((solved - wp.dot(solved, n) * n) - rub) > WRONG * most
 
@@ -504,7 +506,7 @@ def keep_lean(k: int, near: Near, ctx: Context):
         if lean[3] > 0.0:
             n = xyz(lean)
             pressed = wp.max(wp.dot(acted, n), 0.0)
-            rub = friction_correction(wp.vec3(0.0), acted - wp.dot(acted, n) * n, pressed, friction[0], friction[1])
+            rub = friction_correction(wp.vec3(0.0), acted - wp.dot(acted, n) * n, pressed, friction)
             rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * rub
             ctx.state.contact.presses[entry].when = ctx.substep
             ctx.state.contact.presses[entry].normal = n

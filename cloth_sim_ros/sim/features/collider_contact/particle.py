@@ -175,14 +175,14 @@ def _make_correct(features: Features):
         gap: float,
         slip: wp.vec3,
         softness: float,
-        friction: wp.vec2,
+        friction: wp.vec3,
         met: Met,
         ctx: Context,
     ):
         pressed = wp.dot(before, n)
         rubbed = before - pressed * n
         pressed += outward(gap, pressed, softness)
-        after = pressed * n + friction_correction(slip, rubbed, pressed, friction[0], friction[1])
+        after = pressed * n + friction_correction(slip, rubbed, pressed, friction)
         moved = after - before
         pushed = moved
         if wp.static(features.leans):

@@ -109,7 +109,7 @@ def _make_rubbed(leans: bool):
 
     @wp.func
     def rubbed(
-        press: Press, last: Press, facet: Facet, corners: wp.vec3i, n: wp.vec3, friction: wp.vec2, ctx: Context
+        press: Press, last: Press, facet: Facet, corners: wp.vec3i, n: wp.vec3, friction: wp.vec3, ctx: Context
     ) -> Press:
         found = press
         before, pressed = xyz(press.so_far), press.so_far[3]
@@ -134,7 +134,7 @@ def _make_rubbed(leans: bool):
             moves = wp.where(last.lean[3] > 0.0, 0.0, 1.0)
         slid *= moves
         rubbed_before = w * (before - wp.dot(before, n) * n)
-        rub = friction_correction(slid, rubbed_before, w * pressed, friction[0], friction[1])
+        rub = friction_correction(slid, rubbed_before, w * pressed, friction)
         if wp.length_sq(rub - (rubbed_before - slid)) > 0.0:
             if wp.static(leans):
                 found.stuck = wp.vec3(0.0)

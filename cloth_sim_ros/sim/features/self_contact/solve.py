@@ -31,7 +31,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import (
     sum_of_four,
     xyz,
 )
-from cloth_sim_ros.sim.physics.friction import friction_correction
+from cloth_sim_ros.sim.physics.friction import SLOW, friction_correction
 
 _PASSES = 4  # passes over all pairs in an iteration; in stacked layers, each finds what the one before left over
 _CLAIM = wp.constant(wp.float64(1 << 34))  # integer units per metre in sums of claims
@@ -64,7 +64,7 @@ class Close:
     lines: wp.array2d(dtype=wp.vec3)
     turns: wp.array2d(dtype=wp.vec4)
     gaps: wp.array2d(dtype=wp.vec2)
-    frictions: wp.array2d(dtype=wp.vec2)
+    frictions: wp.array2d(dtype=wp.vec3)
     slips: wp.array2d(dtype=wp.vec4)
     met: wp.array2d(dtype=float)
     counts: wp.array(dtype=int)
@@ -72,10 +72,10 @@ class Close:
 
 
 @wp.func
-def _friction(a: Material, b: Material) -> wp.vec2:
-    """Return the static and kinetic friction coefficients of two bodies."""
+def _friction(a: Material, b: Material, dt: float) -> wp.vec3:
+    """Return the friction of two bodies in a substep of length dt [s], see `coefficient` of physics/friction.py."""
     static = wp.sqrt(a.static_friction * b.static_friction)
-    return wp.vec2(static, wp.sqrt(a.kinetic_friction * b.kinetic_friction))
+    return wp.vec3(static, wp.sqrt(a.kinetic_friction * b.kinetic_friction), SLOW * dt)
 
 
 @wp.func
@@ -126,7 +126,7 @@ def _look(members: Members, pairs: Pairs, close: Close, w: int, t: int, width: i
                 # If many pairs ask the same particle, those that have nearly passed through get most of it.
                 urgency = kept / wp.max(apart, 1.0e-3 * kept)
                 close.gaps[w, j] = wp.vec2(wanted, urgency * urgency)
-                close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b])
+                close.frictions[w, j] = _friction(of_a.materials[body_a], of_b.materials[body_b], dt_of(of_a))
 
 
 @wp.func
@@ -201,7 +201,7 @@ def _part(members: Members, close: Close, w: int, t: int, group: CooperativeGrou
         yielding = sum_of_four(yielding)
         if yielding[0] > 0.0:
             move, friction, met = lacks * close.lines[w, j], close.frictions[w, j], close.met[w, j]
-            move += friction_correction(xyz(close.slips[w, j]), wp.vec3(0.0), lacks, friction[0], friction[1])
+            move += friction_correction(xyz(close.slips[w, j]), wp.vec3(0.0), lacks, friction)
             for k in range(4 * j + lane, 4 * j + 4, group.sharing):
                 pair_corrections = members.surfaces[close.surfaces[w, k]].pair_corrections
                 place = _place_of(close.particles[w, k], turn, MOVE)
