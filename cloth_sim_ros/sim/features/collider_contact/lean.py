@@ -33,10 +33,11 @@ from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_ro
 from cloth_sim_ros.sim.physics.friction import SLOW, coefficient, friction_correction, outward
 from cloth_sim_ros.sim.ropes.arrays import Point
 
-RATIO = wp.constant(100.0)  # R, of effective steps of SHORT [s] and more
-# In a shorter one R falls with its square, as a rounding error of a gap would make ever more force. Below LEAST,
-# contacts would open and close, and lose their friction. Nor is a contact softer than a segment of its rope. What a
-# softer one leaves, the stage behind would press into the rope as energy.
+# R in effective steps of SHORT [s]. In a shorter one it falls with the square, as a rounding error of a gap would make
+# ever more force. Below LEAST, contacts would open and close, and lose their friction. In longer steps it is as stiff
+# as a segment of its rope, up to its stiffness in SHORT. What a softer one leaves, the stage behind would press into
+# the rope as energy: a rod of 100 segments that leans on a wall climbed up.
+RATIO = wp.constant(100.0)
 SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
 WRONG = wp.constant(0.02)  # error of a particle's friction, likewise
@@ -55,9 +56,10 @@ ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the d
 def ratio_of(k: int, w: float, ctx: Context) -> float:
     """Return R of a point of inverse mass w [1/kg] at segment k of a rope, or at its last particle k."""
     segment = ctx.body.segments + wp.min(k, ctx.body.count - 2)
-    share = wp.min(ctx.step.effective / SHORT, 1.0)
+    square = (ctx.step.effective / SHORT) * (ctx.step.effective / SHORT)
     yields = ctx.material.compliance[0] * ctx.model.segment_length[segment] * ctx.step.inverse_square
-    return wp.min(RATIO, wp.max(wp.max(RATIO * share * share, LEAST), w / wp.max(yields, 1.0e-20)))
+    least, most = wp.max(RATIO * wp.min(square, 1.0), LEAST), RATIO * wp.max(square, 1.0)
+    return wp.clamp(w / wp.max(yields, 1.0e-20), least, most)
 
 
 @wp.func
