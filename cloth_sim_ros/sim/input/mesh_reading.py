@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import codecs
 import io
+import json
 import re
 import zipfile
 from collections.abc import Callable, Sequence
@@ -29,6 +31,7 @@ FARTHEST = row(CLOTH, "position").high  # [m] of a vertex from the origin, along
 _DECIMAL_INDICES = re.compile(rb"property\s+list\s+\w+\s+(float|double)\w*\s+vertex_ind")  # a reader would cut them
 _OPTIONAL = ("trimesh", "yourdfpy", "shapely")  # by the same name for pip
 _PACKED = (".binvox", ".bz2", ".gz")  # formats of trimesh that do not tell how large they are when unpacked
+_UNREAD = "cannot be read as a triangle mesh:"
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,8 @@ def read(path: str, part: str, scale: float, load_mesh: Callable[[str, str], Mes
     """
     try:
         content = _content(Path(path), MOST_BYTES)
+        if not path.lower().endswith(".stl"):  # a binary one may begin with any bytes
+            content = content.removeprefix(codecs.BOM_UTF8)
         _check_content(path, content)
         if part and path.lower().endswith(URDF):
             found, part = Surface(*_read_link(path, content, part, load_mesh)), ""
@@ -66,7 +71,11 @@ def read(path: str, part: str, scale: float, load_mesh: Callable[[str, str], Mes
     except Exception as error:  # whatever a reader of some format raises, the user gets one sentence
         if isinstance(error, ImportError) and error.name in _OPTIONAL:
             return f"needs {error.name} to be read: pip install {error.name}"
-        return f"cannot be read as a triangle mesh: {shown(' '.join(str(error).split()))}"
+        words = shown(" ".join(str(error).split()))
+        if isinstance(error, (OSError, MemoryError, NotImplementedError)):
+            return f"{_UNREAD} {words}"
+        detail = f": {words}" if isinstance(error, ValueError) else ""  # others speak of the code of the reader
+        return f"{_UNREAD} it is cut off, damaged or no {Path(path).suffix} file{detail}"
 
 
 def _finished(found: Surface, part: str) -> Read:
@@ -116,16 +125,20 @@ def _ways(corners: np.ndarray, texture: np.ndarray) -> np.ndarray:
 
 
 def _content(path: Path, most: int) -> bytes:
-    """The bytes of a regular file. Raises OSError where there is none, or ValueError for more than `most`."""
+    """The bytes of a regular file. Raises OSError where there is none, or for more than `most`."""
     with open_regular(path) as file:
         content = file.read(most + 1)
     if len(content) > most:
-        raise ValueError(f"{path.name} has more than {most / 1e6:.0f} MB")
+        raise OSError(f"{path.name} has more than {most / 1e6:.0f} MB")
     return content
 
 
 def _check_content(path: str, content: bytes) -> None:
-    """Raise Unfit where no reader is to have this."""
+    """Raise Unfit where no reader is to have this, and JSONDecodeError for a .gltf that is cut off."""
+    if not content:
+        raise Unfit("is empty")
+    if path.lower().endswith(".gltf"):
+        json.loads(content)
     if path.lower().endswith(_PACKED):
         raise Unfit(f"is packed; allowed are meshes as they are, not {', '.join(_PACKED)}")
     if _DECIMAL_INDICES.search(content[:4096]):
@@ -163,7 +176,15 @@ def _read_obj(path: str, content: bytes) -> Surface:
         texture = np.array(places, float)[[_counted(*each) for each in corners]] if places else None
     except (ValueError, IndexError):  # some corners have none, or one that is not there
         texture = None
-    return Surface(np.array(points, float), polygons, texture, names if any(names) else None)
+    return Surface(_places(points), polygons, texture, names if any(names) else None)
+
+
+def _places(rows: Sequence[Sequence[bytes]]) -> np.ndarray:
+    """Points (N, 3) of rows of words. Raises Unfit for a row of fewer than three."""
+    for k, each in enumerate(rows):
+        if len(each) < 3:
+            raise Unfit(f"has vertex {k} of {len(each)} coordinate{'s' * (len(each) != 1)}; allowed are 3")
+    return np.array(rows, float)
 
 
 def _counted(number: bytes, rows: int) -> int:
@@ -173,24 +194,41 @@ def _counted(number: bytes, rows: int) -> int:
 
 
 def _read_off(path: str, content: bytes) -> Surface:
-    """The same of an Object File Format."""
+    """The same of an Object File Format. Raises Unfit where lines are missing."""
     lines = [line.partition(b"#")[0].split() for line in content.splitlines()]
     words = [line for line in lines if line]
     if words[0][0].endswith(b"OFF"):  # the numbers may follow on the same line
         words = ([words[0][1:]] if len(words[0]) > 1 else []) + words[1:]
     points, faces = int(words[0][0]), int(words[0][1])
+    _check_whole("lines of vertices and faces", len(words) - 1, points + faces)
     rows = words[1 + points : 1 + points + faces]
     polygons = [[int(number) for number in row[1 : 1 + int(row[0])]] for row in rows]
-    return Surface(np.array([row[:3] for row in words[1 : 1 + points]], float), polygons)
+    return Surface(_places([row[:3] for row in words[1 : 1 + points]]), polygons)
 
 
 def _read_ply(path: str, content: bytes) -> Surface:
-    """The same of a Stanford file: trimesh keeps what it has read as it was."""
-    whole = _load(path, content, force="mesh").metadata["_ply_raw"]
+    """The same of a Stanford file: trimesh keeps what it has read as it was. Raises Unfit where some is missing."""
+    whole = _load(path, content, force="mesh").metadata.get("_ply_raw", {})
+    if "face" not in whole:
+        raise Unfit("holds no triangles")
     points, faces = (whole[name]["data"] for name in ("vertex", "face"))
     name = next(name for name in ("vertex_indices", "vertex_index") if name in whole["face"]["properties"])
     polygons = faces[name] if isinstance(faces, dict) else faces[name]["f1"]
+    _check_whole("vertices", len(points["x"]), whole["vertex"]["length"])
+    _check_whole("faces", len(polygons), whole["face"]["length"])
     return Surface(np.column_stack([points[axis] for axis in "xyz"]), [row.ravel().tolist() for row in polygons])
+
+
+def _read_stl(path: str, content: bytes) -> Surface:
+    """The same of an STL file. Raises Unfit for one that is cut off, in which trimesh finds nothing."""
+    text, count = content.lower(), int.from_bytes(content[80:84], "little")
+    size, last = 84 + 50 * count, text.rfind(b"vertex")
+    if len(content) != size and last < 0:
+        has = f"it has {len(content)} bytes, where a binary one of {count} triangles has {size}"
+        raise Unfit(f"{_UNREAD} it is cut off or no .stl file, as {has}")
+    if len(content) != size and text.rfind(b"endsolid") < last:
+        raise Unfit(f"{_UNREAD} it is cut off, as its last solid has no endsolid")
+    return _read_any(path, content)
 
 
 def _read_any(path: str, content: bytes) -> Surface:
@@ -271,6 +309,12 @@ def _read_link(path: str, content: bytes, link: str, load_mesh: Callable[[str, s
     return np.asarray(whole.vertices), np.asarray(whole.faces)
 
 
+def _check_whole(what: str, found: int, wanted: int) -> None:
+    """Raise Unfit for a file with fewer of `what` than its header wants."""
+    if found < wanted:
+        raise Unfit(f"{_UNREAD} it is cut off, as it has {found} of {wanted} {what}")
+
+
 def _check_numbers(points: np.ndarray, faces: Faces, farthest: float) -> None:
     """Raise Unfit for numbers that are no mesh, or farther from the origin along an axis."""
     if points.ndim != 2 or points.shape[1] != 3 or not len(faces):
@@ -285,4 +329,4 @@ def _check_numbers(points: np.ndarray, faces: Faces, farthest: float) -> None:
         raise Unfit(f"has face {bad} of vertices {named}; allowed are 0 to {len(points) - 1}")
 
 
-_READERS = {".obj": _read_obj, ".off": _read_off, ".ply": _read_ply}  # of formats that have polygons
+_READERS = {".obj": _read_obj, ".off": _read_off, ".ply": _read_ply, ".stl": _read_stl}

@@ -17,7 +17,7 @@ from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim import SignedDistance
 from cloth_sim_ros.sim.mesh_file import load_mesh
 
-pytest.importorskip("trimesh")
+trimesh = pytest.importorskip("trimesh")
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4").tobytes()
@@ -145,3 +145,65 @@ def test_robots_that_never_end_are_refused(tmp_path):
     file.unlink()
     os.mkfifo(file)
     assert "cannot be read: a FIFO is there, and no regular file" in refusal(f"{file}#a")
+
+
+BOM = b"\xef\xbb\xbf"
+
+
+def ends_of(folder, name, content):
+    """What a refusal says of a file of `content`, after its name."""
+    (folder / name).write_bytes(content)
+    return refusal(folder / name).split(", which ", 1)[1]
+
+
+def test_a_byte_order_mark_takes_nothing_along(tmp_path):
+    files = {"it.obj": SQUARE + "v 0 9 9\n", "it.off": "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"}
+    uri = f"data:application/octet-stream;base64,{base64.b64encode(CORNERS + FACES).decode()}"
+    files["it.gltf"] = json.dumps(gltf({"uri": uri}))
+    for name, text in files.items():
+        (tmp_path / name).write_bytes(BOM + text.encode())
+        vertices, triangles = load_mesh(str(tmp_path / name), "it.mesh")
+        assert vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], name
+        assert triangles.tolist() == [[0, 1, 2], [0, 2, 3]], name
+    box = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl")
+    (tmp_path / "it.stl").write_bytes(BOM + box[3:])  # the first bytes of a binary file are anything
+    assert len(load_mesh(str(tmp_path / "it.stl"), "it.mesh")[1]) == 12
+
+
+@pytest.mark.parametrize("name", ["it.obj", "it.stl", "it.ply", "it.off", "it.glb", "it.gltf"])
+def test_an_empty_file_is_told(tmp_path, name):
+    assert ends_of(tmp_path, name, b"") == "is empty"
+
+
+def test_a_file_that_is_cut_off_is_told_with_what_is_missing(tmp_path):
+    unread = "cannot be read as a triangle mesh: it is cut off"
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    binary, text = box.export(file_type="stl"), box.export(file_type="stl_ascii").encode()
+    size = "as it has 654 bytes, where a binary one of 12 triangles has 684"
+    assert ends_of(tmp_path, "it.stl", binary[:-30]) == f"{unread} or no .stl file, {size}"
+    assert ends_of(tmp_path, "it.stl", text[: len(text) // 2]) == f"{unread}, as its last solid has no endsolid"
+    twice = text + text[: len(text) // 2]
+    assert ends_of(tmp_path, "it.stl", twice) == f"{unread}, as its last solid has no endsolid"
+    off = box.export(file_type="off").encode()
+    ending = f"{unread}, as it has 18 of 20 lines of vertices and faces"
+    assert ends_of(tmp_path, "it.off", b"\n".join(off.splitlines()[:-2])) == ending
+    ply = box.export(file_type="ply", encoding="ascii")
+    lines = ply.splitlines()
+    assert ends_of(tmp_path, "it.ply", b"\n".join(lines[:-5]) + b"\n") == f"{unread}, as it has 7 of 12 faces"
+    assert ends_of(tmp_path, "it.ply", b"\n".join(lines[:-15]) + b"\n") == f"{unread}, as it has 5 of 8 vertices"
+    assert ends_of(tmp_path, "it.glb", box.export(file_type="glb")[:200]).startswith(
+        f"{unread}, damaged or no .glb file: 'Unterminated string"
+    )
+    assert ends_of(tmp_path, "it.gltf", b'{"asset": ').startswith(f"{unread}, damaged or no .gltf file: 'Expecting")
+
+
+def test_what_a_reader_of_its_own_trips_over_is_not_told_in_its_words(tmp_path):
+    points = trimesh.PointCloud(np.eye(3)).export(file_type="ply")
+    assert ends_of(tmp_path, "it.ply", points) == "holds no triangles"
+    wanted = "cannot be read as a triangle mesh: it is cut off, damaged or no .gltf file"
+    assert ends_of(tmp_path, "it.gltf", b"[]") == wanted
+    text = SQUARE.encode()
+    assert ends_of(tmp_path, "it.obj", text.replace(b" 0\n", b"\n")) == "has vertex 0 of 2 coordinates; allowed are 3"
+    assert ends_of(tmp_path, "it.obj", text.replace(b"1 1 0", b"1")) == "has vertex 2 of 1 coordinate; allowed are 3"
+    off = b"OFF\n3 1 0\n0 0 0\n1 0\n1 1 0\n3 0 1 2\n"
+    assert ends_of(tmp_path, "it.off", off) == "has vertex 1 of 2 coordinates; allowed are 3"
