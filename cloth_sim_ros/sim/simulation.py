@@ -26,7 +26,7 @@ from cloth_sim_ros.sim.access.saving import Saving
 from cloth_sim_ros.sim.access.tensors import Tensors
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.scene.objects import Rope, too_thick
-from cloth_sim_ros.sim.scene.scene import Scene, large_meshes, loose_meshes
+from cloth_sim_ros.sim.scene.scene import Scene, large_meshes, odd_meshes
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps.choose import Choice
 from cloth_sim_ros.sim.substeps.limits import check_explicit
@@ -74,7 +74,7 @@ class Simulation(Live, Placing, Tensors, Cuts):
                 raise ValueError(f"Simulation is given {given!r:.80}; allowed is a {kind.__name__} in its place")
         thick = {name: getattr(thing, "radius", None) or thing.thickness for name, thing in scene.objects.items()}
         doubts = (too_thick(name, thing, thick[name]) for name, thing in scene.objects.items())
-        for sentence in (*large_meshes(scene), *loose_meshes(scene), *filter(None, doubts)):
+        for sentence in (*large_meshes(scene), *odd_meshes(scene), *filter(None, doubts)):
             _LOG.warning(sentence)
         self._bodies = Bodies(scene, settings, device, worlds, executor)
         rows = {"colliders": self._bodies.colliders.array.shape[1], "handles": len(scene.handles)}

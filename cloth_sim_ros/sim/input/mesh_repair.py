@@ -12,7 +12,6 @@ SHORTEST = 1e-6  # of an edge or a height, relative to the mesh: float32 cannot 
 
 
 _NEAR = 1e-3  # share of the length of an edge within which a vertex lies on it
-_MOST_OPEN = 4000  # largest number of open edges that are searched for vertices between their ends
 
 
 class Unfit(ValueError):
@@ -51,9 +50,8 @@ def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Re
     if welds:
         label, crowded = _welded(points, label, _distinct(label[triangles]), 1e-2 * SHORTEST * size)
         if crowded:
-            told.append(
-                f"has {crowded} edges at which vertices in one place stay apart, as too many triangles meet there"
-            )
+            edges = counted(crowded, "edge")
+            told.append(f"has {edges} at which vertices in one place stay apart, as too many triangles meet there")
     of = np.flatnonzero(_is_distinct(label[triangles]))
     of = of[_carries(points, label[triangles[of]], SHORTEST * size)]
     kept = label[triangles[of]]
@@ -66,7 +64,8 @@ def repair(points: np.ndarray, triangles: np.ndarray, welds: bool = False) -> Re
     used = np.zeros(len(points), bool)
     used[kept] = True
     if not used.all() and not welds:
-        told.append(f"has {np.count_nonzero(~used)} vertices that no triangle needs, which are left out")
+        unused = counted(np.count_nonzero(~used), "vertex", "vertices")
+        told.append(f"has {unused} that no triangle needs, left out")
     number = np.where(used, np.cumsum(used) - 1, -1)
     return Repaired(points[used], number[kept].astype(np.int32), number[label], of, "; it ".join(told))
 
@@ -78,21 +77,32 @@ def parts_of(count: int, triangles: np.ndarray) -> np.ndarray:
 
 
 def count_t_junctions(points: np.ndarray, triangles: np.ndarray) -> int:
-    """Number of open edges of a mesh with a vertex of its border between their ends, where it comes apart.
+    """Number of open edges of a mesh with a vertex of its border between their ends, where it comes apart."""
+    from scipy.spatial import cKDTree
 
-    0 for a border of more edges than _MOST_OPEN, as each is tested against each.
-    """
     edges, count, _ = edges_of(triangles, len(points))
-    edges = edges[count == 1]
-    if len(edges) > _MOST_OPEN:
-        return 0
-    places, found = points[np.unique(edges)], 0
-    for start, end in points[edges]:
-        way = end - start
-        share = (places - start) @ way / (way @ way)
-        off = np.linalg.norm(places - start - share[:, None] * way, axis=1)
-        found += bool(((off < _NEAR * np.linalg.norm(way)) & (_NEAR < share) & (share < 1.0 - _NEAR)).any())
+    edges, found = edges[count == 1], 0
+    places, starts, ways = points[np.unique(edges)], points[edges[:, 0]], points[edges[:, 1]] - points[edges[:, 0]]
+    tree, middles, lengths = cKDTree(places), starts + 0.5 * ways, np.linalg.norm(ways, axis=1)
+    radii = np.hypot(0.5 - _NEAR, _NEAR) * lengths  # of balls around all places that count, without the ends
+    for k in np.flatnonzero(tree.query_ball_point(middles, radii, return_length=True)):
+        beside = places[tree.query_ball_point(middles[k], radii[k])] - starts[k]
+        share = beside @ ways[k] / lengths[k] ** 2
+        off = np.linalg.norm(beside - share[:, None] * ways[k], axis=1)
+        found += bool(((off < _NEAR * lengths[k]) & (_NEAR < share) & (share < 1.0 - _NEAR)).any())
     return found
+
+
+def count_turns(triangles: np.ndarray, count: int) -> int:
+    """Number of edges whose two triangles (T, 3) over `count` vertices turn opposite ways."""
+    forward = np.concatenate([triangles[:, k] < triangles[:, (k + 1) % 3] for k in range(3)])
+    _, number, of = edges_of(triangles, count)
+    return np.count_nonzero((number == 2) & (np.bincount(of, forward) != 1.0))
+
+
+def counted(number: int, one: str, more: str = "") -> str:
+    """A number with its noun, such as "1 edge" or "2 edges"."""
+    return f"{number} {one if number == 1 else more or one + 's'}"
 
 
 def _joined(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -132,12 +142,36 @@ def _welded(points: np.ndarray, label: np.ndarray, triangles: np.ndarray, near: 
     welded = np.arange(len(points))
     welded[border[order]] = border[order[begins]][np.cumsum(begins) - 1]
     if (count == 1).all():  # triangles without numbers in common: only places say what belongs together
-        return welded[label], 0
+        welded, crowded = _parted(welded, triangles)
+        return welded[label], crowded
     joined, number, _ = edges_of(_distinct(welded[triangles]), len(points))
     crowded = joined[number > 2]
     apart = np.isin(welded, crowded)
     welded[apart] = np.flatnonzero(apart)
     return welded[label], max(0, len(crowded) - np.count_nonzero(count > 2))
+
+
+def _parted(welded: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, int]:
+    """`welded` (N,), where parts of `triangles` (T, 3) that touch along edges of more than two triangles have vertices
+    of their own there, and how many such edges there were. Parts are joined by edges of two triangles.
+
+    As it was, and 0, where that leaves an edge with more, or one open that was not.
+    """
+    triangles = triangles[_is_distinct(welded[triangles])]
+    edges, count, of = edges_of(welded[triangles], len(welded))
+    crowded = edges[count > 2]
+    if not len(crowded):
+        return welded, 0
+    beside = (np.argsort(of, kind="stable") % len(triangles))[np.repeat(count == 2, count)].reshape(-1, 2)
+    part = np.zeros(len(welded), int)
+    part[triangles] = _joined(len(triangles), *beside.T)[:, None]
+    part[~np.isin(welded, crowded)] = 0
+    _, first, number = np.unique(np.stack([welded, part]), axis=1, return_index=True, return_inverse=True)
+    parted = first[number.ravel()]
+    _, now, _ = edges_of(parted[triangles], len(welded))
+    if now.max() > 2 or np.count_nonzero(now == 1) > np.count_nonzero(count == 1):
+        return welded, 0
+    return parted, len(crowded)
 
 
 def _carries(points: np.ndarray, triangles: np.ndarray, shortest: float) -> np.ndarray:
@@ -173,8 +207,9 @@ def areas_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def cut(points: np.ndarray, polygons: Sequence[Sequence[int]] | np.ndarray) -> np.ndarray:
     """Triangles (T, 3) of polygons, each of three corners of `points` (N, 3) or more; an array has triangles already.
 
-    A fan from the first corner where that fills the polygon. Raises Unfit for a polygon that crosses itself, and
-    ImportError where shapely is not there to cut one that is not convex.
+    A fan from the first corner where that fills the polygon. A polygon may go to a hole and back along one line. Raises
+    Unfit for one that crosses or overlaps itself, and ImportError where shapely is not there to cut one that is not
+    convex.
     """
     if isinstance(polygons, np.ndarray):
         return polygons
@@ -198,6 +233,7 @@ def _cut_flat(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Triangles (T, 3) of one polygon of `corners` (n, 3), as seen along its normal, which turn as it does."""
     import shapely
 
+    area = 0.5 * np.linalg.norm(normal)
     if not normal.any():
         normal = np.array([0.0, 0.0, 1.0])  # it crosses itself, wherever it is seen from
     x = np.cross(np.eye(3)[np.abs(normal).argmin()], normal)
@@ -206,11 +242,13 @@ def _cut_flat(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
     polygon = shapely.Polygon(flat)
     if not polygon.is_valid and len(corners) == 4:
         return np.array([[0, 1, 2], [0, 2, 3]])  # a fold, which has no side to be seen from
-    if not polygon.is_valid:
-        raise Unfit(f"has a polygon of {len(corners)} corners that crosses itself; allowed are those that do not")
     number = {tuple(place): k for k, place in enumerate(flat.tolist())}
-    parts = shapely.constrained_delaunay_triangles(polygon).geoms
-    triangles = np.array([[number[place] for place in part.exterior.coords[:3]] for part in parts])
+    filled = shapely.make_valid(polygon)  # the way to a hole and back becomes a line
+    parts = [part.exterior.coords[:3] for part in shapely.constrained_delaunay_triangles(filled).geoms]
+    if abs(filled.area - area) > SHORTEST * area or not all(place in number for part in parts for place in part):
+        it = f"a polygon of {len(corners)} corners that crosses or overlaps itself"
+        raise Unfit(f"has {it}; allowed are those that do not")
+    triangles = np.array([[number[place] for place in part] for part in parts])
     a, b, c = (flat[triangles[:, k]] for k in range(3))
     turns = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] > 0.0
     return np.where(turns[:, None], triangles, triangles[:, ::-1])

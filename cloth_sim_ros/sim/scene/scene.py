@@ -17,7 +17,7 @@ from cloth_sim_ros.sim.colliders import SHAPES
 from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.colliders.mesh import Mesh
 from cloth_sim_ros.sim.input.checks import check_fields, names_of
-from cloth_sim_ros.sim.input.mesh_repair import count_t_junctions, parts_of
+from cloth_sim_ros.sim.input.mesh_repair import count_t_junctions, count_turns, counted, parts_of
 from cloth_sim_ros.sim.input.numbers import Described
 from cloth_sim_ros.sim.physics.quaternion import Vector
 from cloth_sim_ros.sim.scene.constraints import CONSTRAINTS, Constraint
@@ -130,8 +130,9 @@ def large_meshes(scene: Scene) -> Iterator[str]:
             yield f"{name} is {across:.3g} m across; a mesh in millimetres takes a scale of 0.001"
 
 
-def loose_meshes(scene: Scene) -> Iterator[str]:
-    """Yield a warning for each cloth of a mesh of parts that no seam holds, or with vertices on open edges."""
+def odd_meshes(scene: Scene) -> Iterator[str]:
+    """Yield a warning for each cloth of a mesh of parts that no seam holds, with vertices on open edges, or with
+    triangles that turn opposite ways."""
     for name, thing in scene.objects.items():
         if not isinstance(thing, Cloth) or thing.vertices is None:
             continue
@@ -140,7 +141,12 @@ def loose_meshes(scene: Scene) -> Iterator[str]:
             yield f"{name} has {parts} parts that no triangle joins, which move apart; a seam sews them together"
         open_edges = count_t_junctions(thing.vertices, thing.triangles)
         if open_edges:
-            yield f"{name} has {open_edges} open edges with a vertex between their ends, where it comes apart"
+            between = "a vertex between its ends" if open_edges == 1 else "a vertex between their ends"
+            yield f"{name} has {counted(open_edges, 'open edge')} with {between}, where it comes apart"
+        turns = count_turns(thing.triangles, len(thing.vertices))
+        if turns:
+            edges = counted(turns, "edge")
+            yield f"{name} has {edges} between triangles that turn opposite ways; it moves as if they turned alike"
 
 
 def _check_names(things: Any, kinds: tuple[type, ...], where: str) -> None:

@@ -33,7 +33,10 @@ end_header
 """
 BROKEN = {
     "flat.obj": (SQUARE + "v 0.5 0 0\nf 1 1 2\nf 1 5 2\n", "has no triangle with an area"),
-    "crossed.obj": (SQUARE + "v 2 0 0\nf 1 4 2 5 3\n", "has a polygon of 5 corners that crosses itself; allowed are"),
+    "crossed.obj": (
+        SQUARE + "v 2 0 0\nf 1 4 2 5 3\n",
+        "has a polygon of 5 corners that crosses or overlaps itself; allowed",
+    ),
     "negative.ply": (PLY.format(kind="int", index=-2), "has face 0 of vertices [0, 1, -2]; allowed are 0 to 3"),
     "fraction.ply": (PLY.format(kind="float", index=1.5), "names its vertices by decimals; allowed are whole numbers"),
     "fraction.obj": (SQUARE + "f 1.5 2 3\n", "cannot be read as a triangle mesh"),

@@ -8,7 +8,7 @@ import pytest
 
 from cloth_sim_ros.sim import Cloth, Mesh, Scene, Seam, Simulation
 from cloth_sim_ros.sim.colliders.mesh import what_is_open
-from cloth_sim_ros.sim.input.mesh_repair import cut, repair
+from cloth_sim_ros.sim.input.mesh_repair import count_t_junctions, count_turns, cut, edges_of, repair
 from cloth_sim_ros.sim.mesh_file import load_mesh
 from cloth_sim_ros.sim.scene.materials import FABRICS, triangles_area
 from cloth_sim_ros.sim.topology import build
@@ -33,6 +33,14 @@ def box(at=(0.0, 0.0, 0.0), size=1.0):
     """Corners (8, 3) and triangles (12, 3) of a box, closed."""
     made = trimesh.creation.box((size, 1.0, 1.0))
     return np.asarray(made.vertices) + at, np.asarray(made.faces)
+
+
+def grid(side):
+    """Points (side^2, 3) of a square, and triangles that turn alike."""
+    x, y = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side)))
+    first = [k for k in range(side * (side - 1)) if k % side < side - 1]
+    triangles = [each for k in first for each in ((k, k + 1, k + side + 1), (k, k + side + 1, k + side))]
+    return np.column_stack([x, y, np.zeros(side * side)]), np.array(triangles)
 
 
 def areas(points, triangles):
@@ -119,11 +127,39 @@ def test_too_many_triangles_at_an_edge_are_not_welded(tmp_path, caplog):
     polygons = [[4 * k, 4 * k + 1, 4 * k + 2, 4 * k + 3] for k in range(4)]
     vertices, triangles = load(tmp_path, obj(points, polygons))
     assert len(vertices) == 14, "the seam of two is welded"
-    assert "has 1 edges at which vertices in one place stay apart, as too many triangles meet there" in caplog.text
+    assert "has 1 edge at which vertices in one place stay apart, as too many triangles meet there" in caplog.text
     build(Cloth.from_mesh(vertices, triangles), "it", True)
     soup = [[points[k] for k in (a, b, c)] for a, b, c, _ in polygons[:3]]
     trimesh.Trimesh(np.reshape(soup, (-1, 3)), np.arange(9).reshape(-1, 3), process=False).export(tmp_path / "it.stl")
     with pytest.raises(ValueError, match="it has 3 triangles at edge"):
+        build(Cloth.from_mesh(*load_mesh(str(tmp_path / "it.stl"), "it")), "it", True)
+
+
+@pytest.mark.parametrize("fineness", [0, 2], ids=["an_edge", "a_chain_of_edges"])
+def test_boxes_that_touch_along_an_edge_stay_apart_without_numbers(tmp_path, caplog, fineness):
+    """Four triangles meet at each edge of a soup there, two of either box. The OBJ file is taken, too."""
+    one = trimesh.creation.box((1.0, 1.0, 1.0))
+    for _ in range(fineness):
+        one = one.subdivide()
+    other = one.copy().apply_translation((1.0, 1.0, 0.0))
+    trimesh.util.concatenate([one, other]).export(tmp_path / "boxes.stl")
+    body = Mesh.from_file(tmp_path / "boxes.stl")
+    assert len(body.vertices) == 2 * len(one.vertices) and len(body.triangles) == 2 * len(one.faces)
+    cloth = Cloth.from_file(tmp_path / "boxes.stl", named="towel.mesh")
+    assert areas(cloth.vertices, cloth.triangles).sum() == pytest.approx(12.0, rel=1e-6)
+    build(cloth, "it", True)
+    edges = "1 edge" if fineness == 0 else "4 edges"
+    assert f"boxes.stl', which has {edges} at which vertices in one place stay apart" in caplog.text
+
+
+def test_a_soup_that_would_fall_apart_is_refused(tmp_path):
+    """Two sheets in one place: four triangles meet at each edge within, and no place says which two are neighbours."""
+    points, faces = grid(4)
+    soup = np.concatenate([points[faces], points[faces[:, ::-1]]]).reshape(-1, 3)
+    trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False).export(tmp_path / "it.stl")
+    with pytest.raises(
+        ValueError, match=r"^it has 4 triangles at edge \d+-\d+; allowed are meshes with at most 2 an edge$"
+    ):
         build(Cloth.from_mesh(*load_mesh(str(tmp_path / "it.stl"), "it")), "it", True)
 
 
@@ -163,6 +199,41 @@ def test_a_polygon_is_cut_into_what_it_covers(tmp_path, turned):
         assert areas(vertices, triangles).sum() == pytest.approx(2.3, rel=1e-6), name
         a, b, c = (vertices[triangles[:, k]] for k in range(3))
         assert (np.cross(b - a, c - a)[:, 2] > 0).all() != turned, "they turn as the polygon does"
+
+
+def ring(middle, size, *, turned=False):
+    """A square of corners (4, 2), counterclockwise unless turned."""
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size / 2 + middle
+    return corners[::-1] if turned else corners
+
+
+@pytest.mark.parametrize("own", [False, True], ids=["numbers_twice", "numbers_of_their_own"])
+def test_a_polygon_that_goes_to_its_holes_and_back_has_them(tmp_path, own):
+    outer, holes = ring((3, 1.5), 6.0), [ring((2, 1.5), 1.0, turned=True), ring((4.5, 1.5), 1.5, turned=True)]
+    flat = np.concatenate([[outer[0], *hole, hole[0]] for hole in holes] + [outer])
+    across = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    places, number = (flat, np.arange(len(flat))) if own else np.unique(flat, axis=0, return_inverse=True)
+    points = np.column_stack([places, np.zeros(len(places))]) @ across
+    vertices, triangles = load(tmp_path, obj(points, [np.ravel(number)]))
+    assert len(vertices) == 12 and len(triangles) == 14
+    assert areas(vertices, triangles).sum() == pytest.approx(36.0 - 1.0 - 2.25, rel=1e-9)
+    middles = (vertices @ across.T)[triangles].mean(axis=1)[:, :2]
+    for middle, size in (((2, 1.5), 1.0), ((4.5, 1.5), 1.5)):
+        assert (np.abs(middles - middle).max(axis=1) > size / 2).all(), "a hole stays a hole"
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        [(0, 0), (2, 1), (2, 0), (0, 1), (1, -1)],
+        [*ring((0, 0), 3.0), (-1.5, -1.5), *ring((0, 0), 1.0), (-0.5, -0.5)],  # the hole turns as its outside
+    ],
+    ids=["crosses", "overlaps"],
+)
+def test_a_polygon_without_an_inside_is_refused(tmp_path, flat):
+    told = f"has a polygon of {len(flat)} corners that crosses or overlaps itself; allowed are those that do not$"
+    with pytest.raises(ValueError, match=told):
+        load(tmp_path, obj([(x, y, 0) for x, y in flat], [range(len(flat))]))
 
 
 def test_polygons_of_any_shape_have_their_area():
@@ -222,9 +293,43 @@ def test_loose_parts_and_vertices_on_open_edges_are_told(caplog):
     with caplog.at_level("WARNING"):
         Simulation(Scene({"far": far, "near": Cloth.from_mesh(beside, faces)}), device="cpu")
     assert "far has 2 parts that no triangle joins" in caplog.text
-    assert "near has 1 open edges with a vertex between their ends" in caplog.text
+    assert "near has 1 open edge with a vertex between its ends, where it comes apart" in caplog.text
     assert "near has 2" not in caplog.text and "far has 1" not in caplog.text
     caplog.clear()
     seam = Seam("far", "far", (1,), (4,), closing_speed=1.0)
     Simulation(Scene({"far": far}, seams={"seam": seam}), device="cpu")
     assert "parts" not in caplog.text
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_vertex_on_an_open_edge_is_told_for_a_border_of_any_length(axis):
+    """An edge of one triangle beside a strip: the strip's vertices along it lie between its ends."""
+    count = 2100
+    along = np.linspace(0, 10, count + 1)
+    points = np.zeros((2 * count + 5, 3))
+    points[: count + 1, axis] = points[count + 1 : -3, axis] = along
+    points[count + 1 : -3, (axis + 1) % 3] = 0.1
+    points[-3:, axis], points[-3:, (axis + 1) % 3] = (0, 10, 5), (-1e-5, -1e-5, -10)
+    k = np.arange(count)
+    strip = np.concatenate(
+        [np.stack(each, axis=1) for each in ((k, k + 1, k + count + 1), (k + 1, k + count + 2, k + count + 1))]
+    )
+    edges = edges_of(strip, len(points))[1]
+    assert np.count_nonzero(edges == 1) > 4000
+    assert count_t_junctions(points, strip) == 0
+    assert count_t_junctions(points, np.vstack([strip, [2 * count + 3, 2 * count + 2, 2 * count + 4]])) == 1
+
+
+def test_triangles_that_turn_opposite_ways_are_told_and_move_alike(caplog):
+    points, alike = grid(5)
+    mixed, ways = alike.copy(), {}
+    mixed[12] = mixed[12][::-1]  # amid others
+    assert count_turns(alike, 25) == 0 and count_turns(alike[:, ::-1], 25) == 0
+    for name, triangles in (("alike", alike), ("mixed", mixed)):
+        caplog.clear()
+        sim = Simulation(Scene({"it": Cloth.from_mesh(points, triangles, "cotton", pins=[0])}), device="cpu")
+        sim.step(5)
+        ways[name] = sim.positions("it")
+        told = "it has 3 edges between triangles that turn opposite ways; it moves as if they turned alike"
+        assert caplog.messages == ([told] if name == "mixed" else [])
+    np.testing.assert_allclose(ways["mixed"], ways["alike"], atol=1e-6)
