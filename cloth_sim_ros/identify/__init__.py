@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Materials found from a recording: worlds are candidates, and those that move as it did win (docs/how-to/identify.md).
+"""Identification of materials from a recording (docs/how-to/identify.md).
 
-recording: what was seen; observe: how far worlds are from it, on the device; candidates: values -> residuals, a batch
-of worlds at a time; fit: the values that fit best, and what is known of them; report: words, a plot and YAML.
+Each world simulates one candidate. The candidates that move most like the recording win. recording: observations;
+observe: residuals of all worlds, on the device; candidates: residuals of values, a batch of worlds at a time; fit: the
+values that fit best, with intervals; report: sentences, a plot and YAML.
 """

@@ -18,7 +18,7 @@ from cloth_sim_ros.study.scene_file import read_plan, with_values
 
 
 def main() -> int:
-    """Parse the command line, identify, print and write; returns the exit status."""
+    """Parse the command line, identify, print and write; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify", description="find values of a recording")
     parser.add_argument("recording", type=Path, help="an .npz file or a bag, see docs/how-to/identify.md")
     parser.add_argument("--scene", type=Path, required=True, help="the node's YAML file, with first guesses")
@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def run(arguments: argparse.Namespace) -> Estimate:
-    """Find, tell, draw and write. Raises ValueError in one sentence."""
+    """Identify, print, draw and write; return the estimate. Raises ValueError in one sentence."""
     plan = read_plan(arguments.scene)
     recording = _read(arguments, plan)
     if arguments.delay:
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> Estimate:
 
 
 def _topics(option: str, texts: list[str]) -> dict[str, str]:
-    """Topics by name, of NAME=/topic."""
+    """Return name -> topic from texts NAME=/topic. Raises ValueError for other texts and for a name given twice."""
     found: dict[str, str] = {}
     for text in texts:
         name, _, topic = text.partition("=")
@@ -72,7 +72,7 @@ def _topics(option: str, texts: list[str]) -> dict[str, str]:
 
 
 def _read(arguments: argparse.Namespace, plan: Plan) -> Recording:
-    """What was seen, by any of the three kinds of recordings."""
+    """Read the recording: an .npz file, a bag of the node, or a bag of a robot. Raises ValueError in one sentence."""
     path, robot = arguments.recording, bool(arguments.points)
     if not robot and (arguments.poses or arguments.begin):
         raise ValueError("--poses and --begin are of the bag of a robot; allowed are they with --points OBJECT=/topic")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of a node as a Recording: the particles that it sent, and what moved meanwhile."""
+"""Read a bag of a node as a Recording: the particles that the node sent, and the poses that moved them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Poses = dict[str, tuple]  # collider or handle -> position [m] and orientation
 
 
 def recording_of(path: Path, scene: Scene, frame_dt: float) -> Recording:
-    """What the first run in a bag shows of a `scene` from its last ~/reset on, when all objects started from rest.
+    """Return the recording of `scene` in the first run of a bag, from its last ~/reset on, when all objects start from
+    rest.
 
-    frame_dt [s] is that of the scene. Time is counted in frames, so a node that was late changes nothing. Raises
-    ValueError, in one sentence, for what cannot be.
+    frame_dt [s] is that of the scene. Times count frames, so a node that was late changes nothing. Raises ValueError in
+    one sentence if the bag does not fit the scene or has no such run.
     """
     bag = Bag(path)
     start, entries = first_run(bag)
@@ -40,8 +41,11 @@ def recording_of(path: Path, scene: Scene, frame_dt: float) -> Recording:
 
 
 def frames_of(path: Path, entries: Acts, poses: Poses) -> list[tuple[Stamp | None, int, Poses]]:
-    """Stamp and number of each frame since the last reset, and where colliders and handles are at its end; first where
-    it starts. poses: where they are at first. Raises ValueError as `recording_of` does."""
+    """Return stamp, number, and poses of colliders and handles at the end, for each frame since the last reset.
+
+    The first entry is the start, with stamp None. poses: those at the beginning of the run. Raises ValueError for
+    inputs other than poses, and if no frame follows a reset.
+    """
     found: list[tuple[Stamp | None, int, Poses]] = []
     was_reset, count = False, 0
     for stamp, acts in entries:
@@ -62,7 +66,7 @@ def frames_of(path: Path, entries: Acts, poses: Poses) -> list[tuple[Stamp | Non
 
 
 def _rows(clouds: list[tuple[Stamp, np.ndarray]], stamps: list[Stamp | None]) -> np.ndarray:
-    """(F, N, 3) particles at `stamps`, not a number where they were not sent."""
+    """Return particles (F, N, 3) at `stamps`, NaN where the node sent none."""
     sent = dict(clouds)
     nothing = np.full_like(clouds[0][1], np.nan) if clouds else np.full((1, 3), np.nan)
     return np.stack([sent.get(stamp, nothing) for stamp in stamps])

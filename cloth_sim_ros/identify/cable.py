@@ -18,15 +18,16 @@ _AXIAL = 2.0e-3  # damping of stretch [s]
 
 @dataclass(frozen=True)
 class Cable:
-    """What is known of a cable before its recording is fitted.
+    """Known properties of a cable before its recording is fitted.
 
-    lengths: (M - 1,) [m] between its markers. held: markers at each end that follow the recording. between: segments
-    between two markers that are not both held. density [kg/m], radius [m]. Only the ratio of rigidity and density is
-    found from motion.
+    lengths (M - 1,): distances [m] between its markers. held: number of markers at each end that follow the recording.
+    between: segments between two markers that are not both held. density [kg/m], radius [m]. Motion alone tells only
+    the ratio of rigidity and density.
 
-    bends: (BENDS, 2) at rest: curvature [1/m] at PLACES even places along the cable, then turns [rad] at the inner held
-    markers of the start and of the end. A clamp need not point along its markers. offsets: (F, 2) [m] from the cable's
-    middle of the markers that are not held, or None for 0. Both are along two directors, see cable_shape.headings.
+    bends (BENDS, 2): shape at rest. The first rows are the curvature [1/m] at PLACES even places along the cable. The
+    last two are the turns [rad] at the inner held markers of the start and of the end, as a clamp need not point along
+    its markers. offsets (F, 2): offsets [m] of the free markers from the cable's centreline, or None for 0. Both are
+    components along two directors, see cable_shape.headings.
     """
 
     lengths: np.ndarray
@@ -39,25 +40,25 @@ class Cable:
 
     @cached_property
     def markers(self) -> np.ndarray:
-        """(M,) particles at the markers."""
+        """Indices (M,) of the particles at the markers."""
         count, ends = len(self.lengths), self.held - 1
         segments = [1 if k < ends or k >= count - ends else self.between for k in range(count)]
         return np.concatenate([[0], np.cumsum(segments)])
 
     @cached_property
     def places(self) -> np.ndarray:
-        """(N,) distances of particles along the cable from its first marker [m]."""
+        """Arc lengths (N,) [m] of the particles from the first marker."""
         marks = np.concatenate([[0.0], np.cumsum(self.lengths)])
         return np.interp(np.arange(self.markers[-1] + 1), self.markers, marks)
 
     @cached_property
     def held_markers(self) -> list[int]:
-        """Markers that follow the recording."""
+        """Indices of the markers that follow the recording."""
         count = len(self.lengths) + 1
         return [*range(self.held), *range(count - self.held, count)]
 
     def rest_turns(self, bends: np.ndarray) -> np.ndarray:
-        """Turns (..., N - 2, 2) [-] of all joints at rest, from `bends` (..., BENDS, 2)."""
+        """Return the turns (..., N - 2, 2) [-] of all joints at rest, from `bends` (..., BENDS, 2)."""
         places, particles = self.places, np.arange(1, self.markers[-1])
         nodes, joints = np.linspace(0.0, places[-1], PLACES), places[1:-1]
         shares = np.array([np.interp(joints, nodes, row) for row in np.eye(PLACES)])
@@ -66,7 +67,7 @@ class Cable:
         return np.einsum("...pa,pj->...ja", bends, shares)
 
     def rope(self, bend_compliance: float, bend_damping: float, twist_compliance: float) -> Rope:
-        """The cable, straight at rest."""
+        """Return the cable as a rope that is straight at rest."""
         points = np.zeros((len(self.places), 3))
         points[:, 0] = self.places
         return Rope(
@@ -83,14 +84,15 @@ class Cable:
 
 
 def mean_error(off: np.ndarray) -> float:
-    """Mean of |x - x_ref| [m] over frames, runs, markers that were seen (held ones too) and coordinates."""
+    """Return the mean of |x - x_ref| [m] over frames, runs, seen markers (held ones too) and coordinates."""
     return float(np.nanmean(np.abs(off)))
 
 
 def guesses(markers: Markers, start: int) -> dict[str, np.ndarray]:
-    """Motions without a model, as `CableCandidates.off` (F, R, M, 3).
+    """Return the errors (F, R, M, 3) [m] of two motions without a model, laid out as `CableCandidates.off`.
 
-    "hold" keeps the shape of the start. "blend" moves each marker with both ends, by its share of the way between them.
+    "hold" keeps the shape of the start. "blend" interpolates the displacement of each marker linearly between those of
+    both ends.
     """
     seen = markers.seen.swapaxes(0, 1)
     first, later = seen[start - 1], seen[start:]

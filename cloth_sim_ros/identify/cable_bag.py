@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag as a recording of a cable: places of markers, and forces at the hand that holds its start."""
+"""Read a bag as a recording of a cable: positions of markers, and forces on the hand that holds its start."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cloth_sim_ros.identify.transforms import Transforms
 from cloth_sim_ros.options import missing
 from cloth_sim_ros.record.topics import CLOUD, WRENCH, Topics
 
-_GAP = 1.5  # usual times between two messages of a topic, beyond which some were lost
-_THERE = 0.05  # of a usual time: what is so near to a message is as it was told
+_GAP = 1.5  # longest gap without lost messages, in median intervals of the topic
+_THERE = 0.05  # share of that interval around a message within which its value is taken as known
 
 
 def _place(position: Any) -> np.ndarray:
@@ -39,7 +39,7 @@ class CableTopics:
     """Topics of a bag that show a cable.
 
     markers: in their order along it; a message holds one or several. wrenches: forces on the hand at the start, which
-    are added. frame: in which z is up; that of the first markers if it is "".
+    are added. frame: a frame whose z is up; "" is the frame of the first markers.
     """
 
     markers: Sequence[str] = ()
@@ -47,11 +47,11 @@ class CableTopics:
     frame: str = ""
 
     def read(self, path: Path) -> tuple[np.ndarray, float, np.ndarray | None]:
-        """Markers (F, M, 3) [m], frames a second, and forces (F, 3) [N] or None.
+        """Return markers (F, M, 3) [m], frames a second, and forces (F, 3) [N] or None.
 
-        Frames are even from where all topics begin to where the first of them ends, as many as the first has messages
-        on average. Between messages all is linear, and markers are not numbers where messages were lost. Raises
-        ValueError, in one sentence, for what cannot be.
+        Frames are even in time, from the latest first message to the earliest last message of the topics. Their
+        interval is near the median one of the first topic. Values between messages are interpolated linearly; markers
+        are NaN where messages were lost. Raises ValueError in one sentence if the bag cannot be read so.
         """
         if lack := missing("rosbags"):
             raise ValueError(lack)
@@ -73,7 +73,7 @@ class CableTopics:
 
 
 def _even(stamps: list[np.ndarray], path: Path) -> np.ndarray:
-    """(F,) [ns] even times while all topics have messages."""
+    """Return even times (F,) [ns] of the span in which all topics have messages."""
     begin, end = max(each[0] for each in stamps), min(each[-1] for each in stamps)
     first = stamps[0][(stamps[0] >= begin) & (stamps[0] <= end)]
     if len(first) < 2:
@@ -85,7 +85,10 @@ def _even(stamps: list[np.ndarray], path: Path) -> np.ndarray:
 
 
 def _moved(each: Taken, path: Path) -> np.ndarray:
-    """(F, M, 3) of all messages, in our axes. Raises ValueError where messages have different numbers of markers."""
+    """Return the rows (F, M, 3) of all messages, turned into our axes.
+
+    Raises ValueError if messages have different numbers of markers.
+    """
     counts = sorted({len(rows) for rows in each.rows.values()})
     if len(counts) > 1:
         raise ValueError(
@@ -95,13 +98,13 @@ def _moved(each: Taken, path: Path) -> np.ndarray:
 
 
 def _at(times: np.ndarray, stamps: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows (F, M, 3) of `stamps` at other times."""
+    """Interpolate rows (F, M, 3) of `stamps` linearly at other times."""
     columns = [np.interp(times, stamps, column) for column in rows.reshape(len(rows), -1).T]
     return np.transpose(columns).reshape(len(times), -1, 3)
 
 
 def _lost(times: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """(F,) whether messages were lost around each time."""
+    """Return True (F,) for each time around which messages were lost."""
     behind = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
     gaps, usual = stamps[behind] - stamps[behind - 1], np.median(np.diff(stamps))
     away = np.minimum(np.abs(times - stamps[behind - 1]), np.abs(times - stamps[behind]))

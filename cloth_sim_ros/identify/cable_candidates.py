@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cable in the motion that markers on it recorded: candidates for its stiffness and damping, in all runs at once."""
+"""Candidates for the stiffness and damping of a cable, simulated with the recorded motion of its held markers in all
+runs."""
 
 from __future__ import annotations
 
@@ -23,26 +24,26 @@ from cloth_sim_ros.sim.scene.forces import FORCES, Force
 NAME = "cable"
 _LONGEST = 1.0e-3  # length of a substep [s]
 _GRAVITY = 9.81  # [m/s^2]
-_REACH = 1.0e-3  # of the handle at a held marker [m]
-_CORRECTIONS = 2  # of positions and velocities at the start
-_LONGER = 5.0e-3  # share of a length, by which slopes are found
-_ROBUST = 5.0e-3  # distance beyond which the cable is wrong, and not the camera [m]
-_LIGHTER = 5.0  # factor within which the mass lies around that of the given density
-_LAGS = 4  # waves along the cable in which its material may lag behind its balance as a run begins
-_LAG = 0.2  # usual size of each [rad]
-_SHARE = 0.05  # of the usual force, which counts as much as a distance of _ROBUST
-# Bounds of what is found: rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
+_REACH = 1.0e-3  # reach of the handle at a held marker [m]
+_CORRECTIONS = 2  # number of corrections of positions and velocities at the start
+_LONGER = 5.0e-3  # relative step of a length for its slopes
+_ROBUST = 5.0e-3  # error [m] beyond which the model is wrong, not the camera
+_LIGHTER = 5.0  # bound of the ratio of the mass to that of the given density, either way
+_LAGS = 4  # number of sine waves along the cable that make up the lag of its material as a run begins
+_LAG = 0.2  # usual amplitude of each [rad]
+_SHARE = 0.05  # share of the usual force whose error counts as much as a distance of _ROBUST
+# Bounds of sought numbers: rigidity over mass per length [m^4/s^2]; time of bending's dashpots [s]; drag relative to
 # momentum [1/s]; torsional rigidity over mass per length [m^4/s^2].
 _RIGIDITY, _DAMPING, _DRAG, _TORSION = (1e-4, 1.0), (1e-3, 1.0), (1e-2, 20.0), (1e-5, 3.0)
-# Turns that are looked for [rad], a whole one: 0 of a straight cable and half a turn of a U lie well within.
+# Bounds of the end's turn [rad], one whole turn: 0 of a straight cable and half a turn of a U lie well within.
 _TURNED = (-0.5 * math.pi, 1.5 * math.pi)
-_TURNS = 12  # of these, from which a way down may begin, each with torsional rigidities that are so many times EI
+_TURNS = 12  # starts of a descent over that range, each with torsional rigidities of _TORSIONS times EI
 _TORSIONS = (0.25, 1.0, 4.0)
 
 
 @wp.func
 def viscous_force(x: wp.vec3, v: wp.vec3, mass: float, numbers: Numbers) -> wp.vec4:
-    """As `solver.global_damping`, of which each world needs its own here."""
+    """Return the force and the drag rate of `solver.global_damping`, here with a rate of its own in each world."""
     rate = numbers[0] * mass
     return wp.vec4(-rate * v[0], -rate * v[1], -rate * v[2], rate)
 
@@ -58,27 +59,28 @@ FORCES["viscous"] = Viscous
 
 
 class Turn(Sought):
-    """Turn of the end beyond what headings tell [rad], sought as its exponential, which is above 0."""
+    """Turn [rad] of the end clamp beyond what the headings tell. The search uses its exponential, which is above 0."""
 
     def shown(self, value: np.ndarray) -> np.ndarray:
-        """As angles [rad]."""
+        """Return the angles [rad]."""
         with np.errstate(divide="ignore"):
             return np.log(value)
 
 
 class CableCandidates:
-    """Candidates for the bending and drag of a cable, for fit.py. A world has one candidate in one run.
+    """Candidates for the bending, twist and drag of a cable, for fit.py. A world has one candidate in one run.
 
-    together: candidates that move side by side. start: frames by which each run starts, see Markers.start. Those from
-    `first` on are compared. sought: numbers that are found. times (F,): of the frames that are compared [s].
-    shaped: whether its bends at rest and the offsets of its markers are found. lags (R, _LAGS): waves [rad] in which
-    the material of each run lags at the start beyond what is guessed.
-    until: how many of them are looked at. count: of numbers that are compared. alike: of those that an
-    error of the model makes the same, which it does for about the time in which the cable swings. Raises ValueError for
-    bad runs.
+    together: number of candidates side by side. start: frames by which each run starts, see Markers.start; the frames
+    from `first` on are compared. sought: numbers to find. times (F,): of the compared frames [s]. shaped: True to find
+    the bends at rest and the offsets of the markers as well. lags (R, _LAGS): amplitudes [rad] of waves by which the
+    material of each run lags at the start, beyond the guess of cable_lag.
+
+    until: number of compared frames that are looked at. count: number of compared coordinates. alike: how many of these
+    have the same model error, as it persists for about the time in which the cable swings. Raises ValueError for bad
+    runs.
     """
 
-    step = 0.1  # see Candidates; a soft cable moves by 0.3 mm after 5 s by whatever little changes
+    step = 0.1  # see Candidates; any small change moves a soft cable by 0.3 mm after 5 s
 
     def __init__(
         self, cable: Cable, markers: Markers, together: int, start: int, device: str, shaped: bool = False
@@ -116,7 +118,7 @@ class CableCandidates:
         self.alike = 3 * len(self.free) * markers.rate * math.sqrt(cable.lengths.sum() / _GRAVITY)
         self._turned = {m: self._turns(m) for m in cable.held_markers}
         self._headings = headings(self._tangents(0)[:, 0])
-        self.near = 0.1 if shaped else 1e-4  # see Candidates; a shape changes all numbers
+        self.near = 0.1 if shaped else 1e-4  # see Candidates; fitting the shape changes all numbers anyway
         self.lags = np.zeros((len(self._seen), _LAGS))
         self._noise: np.ndarray | None = None
         self._kept: list[np.ndarray] | None = None
@@ -147,24 +149,25 @@ class CableCandidates:
         return self._forces is not None
 
     def weighed(self, values: np.ndarray) -> Cable:
-        """The cable with the density that forces tell, if they do."""
+        """Return the cable, with the density that the forces tell if there are any."""
         if not self.has_forces:
             return self.cable
         return dataclasses.replace(self.cable, density=float(values[4] / self.cable.places[-1]))
 
     def _mass(self) -> list[Sought]:
-        """The mass, if forces tell it."""
+        """Return the mass as a sought number if forces tell it, else nothing."""
         mass = self.cable.density * self.cable.places[-1]
         return [] if self._forces is None else [Sought(f"{NAME}.mass", mass / _LIGHTER, mass * _LIGHTER)]
 
     def _pulls(self, frame: int) -> np.ndarray:
-        """(worlds, 1, 3) by how much the force at the start's hand is off, as a distance [m]."""
+        """Return the errors (worlds, 1, 3) of the force at the start's hand, scaled to a distance [m]."""
         hands = [self.sim.tensor(f"hand_{m}", "wrench").numpy()[:, :3] for m in range(self.cable.held)]
         off = np.sum(hands, axis=0) - np.tile(self._forces[:, frame], (self.worlds, 1))
         return (off * _ROBUST / (_SHARE * np.sqrt(np.nanmean((self._forces**2).sum(axis=2)))))[:, None]
 
     def _tangents(self, marker: int) -> np.ndarray:
-        """(R, F, 3) of the cable where a held marker is; of one that is alone at its end, the world's z."""
+        """Return the cable's unit tangents (R, F, 3) at a held marker; the world's z if one marker alone is held at
+        each end."""
         held, hands = self.cable.held, list(self._hands.values())
         if held < 2:
             return np.broadcast_to([0.0, 0.0, 1.0], hands[0].shape)
@@ -173,12 +176,13 @@ class CableCandidates:
         return edges / np.linalg.norm(edges, axis=-1, keepdims=True)
 
     def _turns(self, marker: int) -> np.ndarray:
-        """(R, F, 4) orientations of the hand at a held marker, which turns with the tangent but not about it."""
+        """Return the orientations (R, F, 4) of the hand at a held marker, which turns with the tangent but not about
+        it."""
         return turns(self._tangents(marker))
 
     @property
     def shape(self) -> np.ndarray:
-        """(S,) bends at rest and offsets of markers, in their usual sizes."""
+        """Bends at rest and offsets of markers as numbers (S,), in units of their usual sizes."""
         offsets = np.zeros((len(self.free), 2)) if self.cable.offsets is None else self.cable.offsets
         return as_numbers(self.cable.bends, offsets)
 
@@ -188,15 +192,16 @@ class CableCandidates:
         self.cable = dataclasses.replace(self.cable, bends=bends, offsets=offsets)
 
     def narrow(self, together: int) -> None:
-        """Go on with at most so many candidates side by side."""
+        """Reduce the number of candidates side by side to at most `together`."""
         if together < self.worlds:
             self._make(together)
 
     def settle(self, units: np.ndarray) -> None:
-        """Do nothing: markers are known by number, so that nothing is to be judged."""
+        """Do nothing, as each marker is known by its number and needs no weighting (see Candidates.settle)."""
 
     def others(self, units: np.ndarray) -> np.ndarray:
-        """(1, P): the best of places like a candidate (P,), with turns all around and each torsion of _TORSIONS.
+        """Return the best (1, P) of places like candidate (P,), tried with _TURNS even turns of the end and all
+        _TORSIONS.
 
         The misfit has several minima in the turn. In the wrong one the cable seems to resist no twist.
         """
@@ -209,12 +214,12 @@ class CableCandidates:
         return places[[self.squares(places)[:, -1].argmin()]]
 
     def refine(self, ends: list[np.ndarray]) -> np.ndarray:
-        """Find the cable's shape, if it is `shaped`, and `lags`, near each of good candidates (P,); return the best.
+        """Find `lags` and, if `shaped`, the shape near each of good candidates (P,); return the best.
 
-        From now on, what noise at the start and in lengths does counts less in residuals, and so do lags of the
-        material at the start. Residuals are whitened by their covariance (generalised least squares, Aitken 1935). It
-        has noise at each marker, and what this noise does to starts and lengths. Lengths between markers are corrected
-        before by what splines through the candidate's markers miss of its own.
+        From then on, residuals weigh down errors that noise of the start, of the lengths and of the lags explains. They
+        are whitened by their covariance (generalised least squares, Aitken 1935), which holds the noise of each marker
+        and its effect through starts and lengths. The lengths between markers are corrected before: by the difference
+        of spline lengths through the recorded markers and through the candidate's.
         """
         units, seen = self._best(ends), self._seen[:, self.first :]
         off = self.off(units[None])[0].swapaxes(0, 1)[:, :, : self.markers.count]
@@ -231,7 +236,7 @@ class CableCandidates:
         return units
 
     def _best(self, ends: list[np.ndarray]) -> np.ndarray:
-        """The best of candidates (P,), with its shape if this is to be found."""
+        """Return the best of candidates (P,), and set the shape fitted to it if `shaped`."""
         if not self._shaped:
             return ends[self.squares(np.stack(ends))[:, -1].argmin()]
         straight, found = self.shape, []
@@ -246,11 +251,12 @@ class CableCandidates:
         self._make(together)
 
     def _a_run(self, slopes: np.ndarray) -> np.ndarray:
-        """(R, n, K) of changes (K, until, R, M, 3) of `off`."""
+        """Return changes (K, until, R, M, 3) of `off` as one matrix (n, K) for each run, (R, n, K); NaN becomes 0."""
         return np.nan_to_num(slopes).transpose(2, 1, 3, 4, 0).reshape(len(self._seen), -1, len(slopes))
 
     def _by_starts(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
-        """(K, until, R, M, 3) changes of `off` by a usual error of the position and velocity of each free marker."""
+        """Return the changes (K, until, R, M, 3) of `off` by a usual error of each free marker's first position and
+        velocity."""
         free, frames = self.free, self.first
         sizes = noise * np.array([1.0, self.markers.rate * math.sqrt(12.0 / (frames * (frames**2 - 1)))])
         moves = np.zeros((2, len(free), 3, 2, self.markers.count, 3))
@@ -260,7 +266,7 @@ class CableCandidates:
         return self.off(np.tile(units, (len(moves), 1)), moves) - still
 
     def _by_lengths(self, units: np.ndarray, noise: float, still: np.ndarray) -> np.ndarray:
-        """(M - 1, until, R, M, 3) changes of `off` by a usual error of each length between two markers."""
+        """Return the changes (M - 1, until, R, M, 3) of `off` by a usual error of each length between two markers."""
         cable, together, found = self.cable, self.worlds, []
         for longer in _LONGER * np.diag(cable.lengths):
             self._lengthen(longer, 1)
@@ -271,7 +277,7 @@ class CableCandidates:
         return (np.array(found) - still) * (error / (_LONGER * cable.lengths))[:, None, None, None, None]
 
     def values(self, units: np.ndarray) -> np.ndarray:
-        """Values of what is sought, from places (K, P) between its bounds."""
+        """Return the sought values (K, P) at places (K, P) between their bounds."""
         return values_of(self.sought, units)
 
     def off(
@@ -281,12 +287,13 @@ class CableCandidates:
         shapes: np.ndarray | None = None,
         lags: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(K, until, R, M, 3) by how much markers are off the recording [m], not a number where one was not seen.
+        """Return the errors (K, until, R, M, 3) [m] of simulated markers, NaN where a marker was not seen.
 
-        Where forces were recorded, the last of one more "marker" is theirs: _SHARE of a usual one is _ROBUST.
+        If forces were recorded, one more "marker" at the end holds their errors, scaled so that _SHARE of a usual force
+        is _ROBUST.
 
-        moves (K, 2, M, 3): what is added to the positions [m] and velocities [m/s] of markers in the first frame.
-        shapes (K, S): what is added to the `shape`. lags (K, _LAGS): what is added to `lags` of all runs [rad].
+        moves (K, 2, M, 3): additions to the positions [m] and velocities [m/s] of markers in the first frame. shapes
+        (K, S): additions to `shape`. lags (K, _LAGS): additions to `lags` of all runs [rad].
         """
         shapes = np.zeros((len(units), 1)) if shapes is None else shapes
         moves = np.zeros((len(units), 1, 1, 1)) if moves is None else moves
@@ -295,24 +302,28 @@ class CableCandidates:
         return np.concatenate([self._run(units[part], moves[part], shapes[part], lags[part]) for part in parts])
 
     def off_and_beside(self, units: np.ndarray, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As `off`; (until, R, M, 3, 2) changes of the first candidate's by the two offsets of each marker."""
+        """Return `off` with `shapes`, and its derivatives (until, R, M, 3, 2) by the offsets of each marker.
+
+        The derivatives are those of the first candidate: the two unit vectors along which a marker is offset.
+        """
         self._kept, begun = [], (_CORRECTIONS + 1) * self.first
         off = self.off(units, shapes=shapes)
         kept, self._kept = self._kept[begun : begun + self.until], None
         return off, np.array(kept)
 
     def soft(self, off: np.ndarray) -> np.ndarray:
-        """(K, n) of `off`, frame after frame, whose squares grow like distances beyond _ROBUST (Huber 1964)."""
+        """Return `off` as (K, n), with squares that grow only linearly with distances beyond _ROBUST (Huber 1964)."""
         off = np.nan_to_num(off).reshape(len(off), -1)
         return np.sign(off) * _ROBUST * np.sqrt(2.0 * (np.sqrt(1.0 + (off / _ROBUST) ** 2) - 1.0))
 
     def softness(self, off: np.ndarray) -> np.ndarray:
-        """(n,) slopes of `soft` by `off` of one candidate."""
+        """Return the derivatives (n,) of `soft` by `off` of one candidate."""
         root = np.sqrt(1.0 + (np.nan_to_num(off).ravel() / _ROBUST) ** 2)
         return np.isfinite(off).ravel() * np.sqrt(0.5 * (1.0 + root)) / root
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
-        """(K, n) as `soft`, without what noise at the start and in lengths does."""
+        """Return the residuals (K, n) [m]: `soft` of the errors, without what noise of the start and of lengths
+        explains."""
         off = np.nan_to_num(self.off(units))
         if self._noise is not None:
             rows = off.swapaxes(1, 2).reshape(len(units), len(self._seen), -1)
@@ -321,11 +332,11 @@ class CableCandidates:
         return self.soft(off)
 
     def squares(self, units: np.ndarray) -> np.ndarray:
-        """(K, until) sums of squares of residuals [m^2] up to each frame."""
+        """Return the sums of squares (K, until) [m^2] of residuals up to each frame."""
         return (self.residuals(units).reshape(len(units), self.until, -1) ** 2).sum(axis=2).cumsum(axis=1)
 
     def error(self, units: np.ndarray) -> np.ndarray:
-        """(1, n) by how much residuals of one candidate (P,) change towards ever more substeps, by Richardson."""
+        """Return the changes (1, n) [m] of residuals of candidate (P,) in the limit of many substeps (Richardson)."""
         coarse, substeps = self.residuals(units[None])[0], self.sim.settings.substeps
         self.sim.set("solver.substeps", 2 * substeps)
         fine = self.residuals(units[None])[0]
@@ -333,7 +344,7 @@ class CableCandidates:
         return ((fine - coarse) / 0.75)[None]
 
     def _run(self, units: np.ndarray, moves: np.ndarray, shapes: np.ndarray, lags: np.ndarray) -> np.ndarray:
-        """As `off`, of at most `worlds` candidates; those that are fewer are filled up by the last."""
+        """Return `off` of at most `worlds` candidates; worlds without one repeat the last."""
         runs, sim, filled = len(self._seen), self.sim, np.minimum(np.arange(self.worlds), len(units) - 1)
         values, moves = self.values(units)[filled], np.repeat(moves[filled], runs, axis=0).swapaxes(0, 1)
         sim.reset()
@@ -356,11 +367,11 @@ class CableCandidates:
         return found[: len(units)]
 
     def _begin_well(self, moves: np.ndarray, numbers: np.ndarray, lags: np.ndarray) -> None:
-        """Simulate the first frames from the positions and velocities with which markers pass where they were seen.
+        """Simulate the first frames from positions and velocities with which the markers pass where they were seen.
 
-        moves (2, worlds, M, 3) are added to these. numbers (3, worlds) are those of cable_lag.lags, to which `lags`
-        (worlds, S) are added. A line through the distances in these frames corrects both, as if markers moved freely;
-        so it is done again.
+        moves (2, worlds, M, 3): additions to these. numbers (3, worlds): those of cable_lag.lags, to whose result
+        `lags` (worlds, S) are added. A line fitted to the errors in these frames corrects positions and velocities as
+        if markers moved freely, so the correction is repeated.
         """
         begin, times = self._begin, np.arange(self.first) / self.markers.rate
         for correction in range(_CORRECTIONS + 1):
@@ -378,11 +389,11 @@ class CableCandidates:
                 begin = begin - line.reshape(begin.shape)
 
     def _along(self, markers: np.ndarray, axis: int) -> np.ndarray:
-        """Of all particles what is known of markers, by splines."""
+        """Interpolate marker rows to all particles by splines along the cable."""
         return CubicSpline(self.cable.places[self.cable.markers], markers, axis=axis)(self.cable.places)
 
     def _step(self, frame: int) -> np.ndarray:
-        """(worlds, M, 3) [m] by how much markers are off at the end of a frame."""
+        """Simulate a frame; return the errors (worlds, M, 3) [m] of the markers at its end."""
         self._hold(frame, sweep=True)
         self.sim.step()
         self.frames += 1
@@ -391,7 +402,7 @@ class CableCandidates:
         return self.sim.positions(NAME, None)[:, self.cable.markers] + self._beside() - seen
 
     def _beside(self) -> np.ndarray | float:
-        """(worlds, M, 3) [m] from the cable's middle to its markers."""
+        """Return the offsets (worlds, M, 3) [m] of the markers from the cable's centreline; 0 if there are none."""
         if not self._offsets.any() and self._kept is None:
             return 0.0
         u = self.sim.directors(NAME, None)
@@ -409,7 +420,7 @@ class CableCandidates:
         return beside
 
     def _hold(self, frame: int, sweep: bool) -> None:
-        """Hands are at the held markers at the end of the next frame, or at once."""
+        """Move the hands to the held markers of a frame, by the end of the next step or, without `sweep`, at once."""
         for m in self.cable.held_markers:
             places, turned = (
                 np.tile(each, (self.worlds, 1)) for each in (self._hands[m][:, frame], self._turned[m][:, frame])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""By what the material of a cable lags behind its balance as a recording begins, guessed from its motion then."""
+"""Guess how far the material of a cable lags behind its balance of twist at the start, from its motion then."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.rope import across, directors
 
-_LASTED = 0.15  # time for which the motion has been as it is [s], after which it is forgotten
+_LASTED = 0.15  # time constant [s] for which the motion is taken to have lasted
 _LATER = 1.0e-4  # time over which rates are found [s]
 
 
 def lags(points: np.ndarray, velocities: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Angles (W, S) [rad] of the segments of a cable beyond their balance, see Simulation.write.
+    """Return the angles (W, S) [rad] of a cable's segments beyond their balance, see Simulation.write.
 
     points, velocities (W, N, 3) [m, m/s]. numbers (3, W): EI, GJ [N m^2], and the time of the dashpots [s]. Clamps hold
-    the first segment and the last, and turn as little as these do.
+    the first segment and the last, which turn without lag.
 
     In balance a cable that is straight at rest is twisted evenly. Angles beyond it obey K lag + tau (K + M) lag' = -f.
-    K is the stiffness of twist, and M that of bends against cross-sections that turn about the cable. f is what
-    dashpots do as a material in balance turns. With lag' = lag / _LASTED this is one linear system.
+    K is the stiffness of twist. M is that of bends against cross-sections that turn about the cable. f is the torque of
+    the dashpots on a material that turns in balance. With lag' = lag / _LASTED this is one linear system.
     """
     edges = np.diff(points, axis=1)
     lengths = np.linalg.norm(edges, axis=2)
@@ -43,7 +43,8 @@ def lags(points: np.ndarray, velocities: np.ndarray, numbers: np.ndarray) -> np.
 
 
 def _rates(edges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Squared turns (W, J) [-] of all joints, these times rates [1/s], and rates (W,) [1/s] of the twist of it all.
+    """Return squared turns (W, J) [-] of all joints, these times rates [1/s], and the rate (W,) [1/s] of the total
+    twist.
 
     The rates in the second are those at which turns go about the cable, against directors carried along from the start.
     """
@@ -61,7 +62,7 @@ def _rates(edges: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _across(tangents: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Unit vectors across tangents (W, 3) that are nearest to others (W, 3)."""
+    """Return the unit vectors (W, 3) across tangents (W, 3) that are nearest to vectors (W, 3)."""
     return _unit(vectors - (vectors * tangents).sum(axis=-1, keepdims=True) * tangents)
 
 

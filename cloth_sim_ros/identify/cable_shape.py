@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a cable is like beside its stiffness: bent at rest, and with markers beside its middle, both in its material."""
+"""Shape of a cable at rest: its bends, and the offsets of markers from its centreline, both fixed in its material."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 
 from cloth_sim_ros.sim.topology.rope import across, directors
 
-PLACES = 4  # along the cable, between which the curvature at rest is linear
+PLACES = 4  # points along the cable between which the curvature at rest is linear
 BENDS = PLACES + 2  # with turns at the two clamps
-_STEPS, _FEW = 4, 3  # of Gauss and Newton at most, with slopes of one width
-_LEAST = 0.01  # share by which a step lessens the misfit, or it was the last
-_DAMPED = np.geomspace(1e-4, 30.0, 11)  # shares of the diagonal that are added (Marquardt 1963); a batch of worlds
-_UNIT = 0.04  # times that width is the one by which slopes by a number between its bounds are found
+_STEPS, _FEW = 4, 3  # most Gauss-Newton steps with slopes of one width: in full, roughly
+_LEAST = 0.01  # least relative decrease of the misfit by a step, below which it was the last
+_DAMPED = np.geomspace(1e-4, 30.0, 11)  # shares of the diagonal to add (Marquardt 1963), tried in one batch of worlds
+_UNIT = 0.04  # step of a number between its bounds, over that width
 _BENT = np.array([[1.0]] * PLACES + [[0.1]] * 2)  # usual curvature at rest [1/m], and turn of a clamp [rad]
 _BESIDE = 0.01  # usual distance of a marker from the middle [m]
 _ALONG = 0.99  # cosine beyond which a tangent is along an axis
-# Of a usual bend, by which slopes are found, one after another. Narrow ones drown in what a soft cable does by chance.
+# Steps of a usual bend for slopes, one after another. Narrow ones drown in the chance motion of a soft cable.
 _WIDTHS = (0.5, 0.2)
 
 
 class Shaped(Protocol):
-    """What fits a shape: see cable_candidates.CableCandidates."""
+    """Interface of candidates whose shape is fitted: see cable_candidates.CableCandidates."""
 
     shape: np.ndarray
     free: list[int]
@@ -39,7 +39,8 @@ class Shaped(Protocol):
 
 
 def turns(tangents: np.ndarray) -> np.ndarray:
-    """Quaternions (..., F, 4) that turn the first of unit tangents (..., F, 3) to each, without turning about them."""
+    """Return quaternions (..., F, 4) that turn the first of unit tangents (..., F, 3) to each, without turning about
+    them."""
     found = np.zeros((*tangents.shape[:-1], 4))
     found[..., 0, 3] = 1.0
     for frame in range(1, tangents.shape[-2]):
@@ -52,10 +53,11 @@ def turns(tangents: np.ndarray) -> np.ndarray:
 
 
 def headings(tangents: np.ndarray) -> np.ndarray:
-    """(R, 2, 2): components along the rope's own two directors at its start, from those along the world's x and beside.
+    """Return matrices (R, 2, 2) from components along a run's `heading` to those along the rope's own directors.
 
-    tangents (R, 3): of the start, as the run begins. Grippers that turn little about their tangents hold a cable so
-    that its material points the same way in all runs.
+    tangents (R, 3): those at the start of the rope as each run begins. The two axes of either kind are a unit vector
+    across the tangent, and one across both. Grippers that turn little about their tangents hold a cable so that its
+    material points the same way in all runs.
     """
     found = []
     for t in tangents:
@@ -65,16 +67,17 @@ def headings(tangents: np.ndarray) -> np.ndarray:
 
 
 def heading(t: np.ndarray) -> np.ndarray:
-    """The unit vector (3,) across a unit tangent that is nearest to the world's x, or to y where that is along it."""
+    """Return the unit vector (3,) across unit tangent t that is nearest to the world's x, or to y if t is along x."""
     x = np.array([1.0, 0.0, 0.0]) if abs(t[0]) < _ALONG else np.array([0.0, 1.0, 0.0])
     x = x - (x @ t) * t
     return x / np.linalg.norm(x)
 
 
 def turn_between(points: np.ndarray) -> float:
-    """Angle [rad] from the heading of the start of points (N, 3), carried to the end without twist, to that of the end.
+    """Return the angle [rad] between the heading of the end and that of the start carried there without twist.
 
-    Clamps that keep their headings twist a cable by it, as one of them goes around the other.
+    points (N, 3) are those of the cable. Clamps that keep their headings twist a cable by this angle, as one of them
+    goes around the other.
     """
     tangents = np.diff(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -83,12 +86,12 @@ def turn_between(points: np.ndarray) -> float:
 
 
 def fit_shape(candidates: Shaped, units: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, float]:
-    """Find bends at rest and distances of markers together with all numbers, from those at `units` (P,).
+    """Fit bends at rest, offsets of markers and all numbers together, from those at `units` (P,).
 
-    They go into `candidates.shape`; returns the units and the misfit with its prior [m^2]. Steps are Gauss and
-    Newton's, with a usual size as the prior. This counts as much as the `alike` numbers of which an error of the model
-    makes the same. Where wide slopes lead no further, narrow ones do. roughly: a few steps only, to compare candidates
-    by.
+    Set `candidates.shape`; return the units and the misfit with its prior [m^2]. The method is Gauss-Newton with a
+    prior of the usual sizes. The prior weighs as much as the `alike` numbers that share one model error. Slopes are
+    taken over wide steps first and over narrow ones at last. roughly: True for a few wide steps only, to compare
+    candidates.
     """
     cost = np.inf
     for width in _WIDTHS[:1] if roughly else _WIDTHS:
@@ -100,9 +103,9 @@ def fit_shape(candidates: Shaped, units: np.ndarray, roughly: bool = False) -> t
 
 
 def _step(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarray, float, float]:
-    """A step from candidate (P,) and its shape: where it ends, and its cost before and after.
+    """Take a step from candidate (P,) and its shape; return its end, and the cost before and after.
 
-    It is damped in several ways side by side. The best is taken, if it lessens the cost.
+    It tries several dampings side by side and takes the best, if it lowers the cost.
     """
     count, share, theta = len(units), candidates.alike / candidates.count, candidates.shape
     before, jacobian = _slopes(candidates, units, width)
@@ -125,7 +128,10 @@ def _step(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarr
 
 
 def _slopes(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape, bends of the width."""
+    """Return residuals (n,) and their slopes (n, P + S) by all numbers and by those of the shape.
+
+    width: step of each bend in its usual size, over which slopes are taken.
+    """
     count, bent, free = len(units), 2 * BENDS, candidates.free
     rows = np.tile(units, (1 + count + bent, 1))
     rows[1 : 1 + count] += _UNIT * width * np.eye(count)
@@ -143,11 +149,12 @@ def _slopes(candidates: Shaped, units: np.ndarray, width: float) -> tuple[np.nda
 
 
 def as_numbers(bends: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """(S,) in usual sizes: bends (BENDS, 2), then offsets of free markers (F, 2) [m], see cable.Cable."""
+    """Return bends (BENDS, 2) and offsets of free markers (F, 2) [m] as (S,) in units of their usual sizes, see
+    cable.Cable."""
     return np.concatenate([(bends / _BENT).ravel(), offsets.ravel() / _BESIDE])
 
 
 def from_numbers(numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The inverse of `as_numbers`."""
+    """Return bends and offsets from numbers (..., S): the inverse of `as_numbers`."""
     bends, offsets = (part.reshape(*part.shape[:-1], -1, 2) for part in np.split(numbers, [2 * BENDS], axis=-1))
     return _BENT * bends, _BESIDE * offsets

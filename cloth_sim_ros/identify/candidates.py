@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates: values of parameters -> how far the scene with them is from a recording, a batch of worlds at a time."""
+"""Candidates: residuals of a scene against a recording for values of its parameters, a batch of worlds at a time."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from cloth_sim_ros.identify.observe import Observer
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.sim import Scene, Settings, Simulation
 
-_DELAY = 0.1  # [s] of which a logarithm stands for a delay: slopes are found from 2 ms to either side
-_ASIDE = 0.1  # of what points tell along a surface counts at last: the rest of it leads astray, see identify.md
-_RANGES = (30.0, 10.0, 3.0, 1.0)  # a parameter is looked for within the first factor of its value that is allowed
+_DELAY = 0.1  # [s] of delay for 1 of its logarithmic scale: slopes are differences over 2 ms to either side
+_ASIDE = 0.1  # factor of residuals along a surface at last, as they mislead near the best place, see identify.md
+_RANGES = (30.0, 10.0, 3.0, 1.0)  # a parameter is sought within the first of these factors of its value that is allowed
 
 
 @dataclasses.dataclass(frozen=True)
 class Sought:
-    """A live number of a scene that is to be found between `low` and `high`, both above 0, on a logarithmic scale."""
+    """A live number of a scene to find between `low` and `high`, both above 0, on a logarithmic scale."""
 
     name: str
     low: float
@@ -27,7 +27,7 @@ class Sought:
 
     @staticmethod
     def of(text: str, sim: Simulation) -> Sought:
-        """From NAME or NAME=LOW:HIGH. Raises ValueError in one sentence."""
+        """Return the number that NAME or NAME=LOW:HIGH names. Raises ValueError in one sentence."""
         name, _, bounds = text.partition("=")
         value = sim.get(name)
         if np.ndim(value) or isinstance(value, (str, bool)) or name.startswith("solver."):
@@ -44,26 +44,26 @@ class Sought:
         return Sought(name, low, high)
 
     def shown(self, value: np.ndarray) -> np.ndarray:
-        """Found values as they are to be read."""
+        """Return found values as users read them."""
         return value
 
 
 class Delay(Sought):
-    """By how much what was seen is late, sought as the exponential of delay / 0.1 s, which makes its scale even."""
+    """Delay of the observations, sought as the exponential of delay / 0.1 s, which makes its scale even."""
 
     @staticmethod
     def between(low: float, high: float) -> Delay:
-        """From bounds [s]."""
+        """Return a delay between two bounds [s]."""
         return Delay("delay", *np.exp(np.array([low, high]) / _DELAY))
 
     def shown(self, value: np.ndarray) -> np.ndarray:
-        """As delays [s]."""
+        """Return the delays [s]."""
         with np.errstate(divide="ignore"):
             return _DELAY * np.log(value)
 
 
 def bounds_of(what: str, bounds: str) -> tuple[float, float]:
-    """Two numbers LOW:HIGH, given as `what`. Raises ValueError in one sentence."""
+    """Return two numbers from LOW:HIGH. The error names them as `what`. Raises ValueError in one sentence."""
     try:
         low, high = map(float, bounds.split(":"))
     except ValueError:
@@ -80,21 +80,22 @@ def _allows(sim: Simulation, name: str, value: float) -> bool:
 
 
 def values_of(sought: Sequence[Sought], units: np.ndarray) -> np.ndarray:
-    """Values (K, P) of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
+    """Return sought values (K, P) from places (K, P) between their bounds in 0 to 1, on a logarithmic scale."""
     low, high = (np.log([getattr(each, end) for each in sought]) for end in ("low", "high"))
     return np.exp(low + np.asarray(units) * (high - low))
 
 
 class Candidates:
-    """A scene in `worlds` worlds, each with values of its own for what is `sought`: live numbers and at last, where a
-    recording may be late, its delay. live: those without it.
+    """A scene in `worlds` worlds, each with its own values of what is `sought`: live numbers, and last the delay if
+    any.
 
-    It is computed in the same substeps for all values, those that the stiffest need. until: how many times of the
-    recording are looked at. frames: simulated so far, in all worlds; told: called with it after each.
+    live: the sought numbers without the delay. All values are computed in the same substeps, those that the stiffest
+    need. until: number of times of the recording that are looked at. frames: simulated so far. told: function that is
+    called with them after each.
     """
 
-    step = 0.02  # of a logarithm, to either side, by which slopes are found: far above float32, far below what bends
-    near = 1e-4  # of the range: how near the best place `refine` wants its candidates
+    step = 0.02  # step of a logarithm to either side for slopes: far above float32 errors, far below curvature
+    near = 1e-4  # tolerance of the descent before `refine`, as a share of the range
 
     def __init__(
         self, scene: Scene, settings: Settings, recording: Recording, fit: Sequence[str], worlds: int, device: str
@@ -126,37 +127,43 @@ class Candidates:
 
     @property
     def worlds(self) -> int:
-        """Number of candidates that move side by side."""
+        """Number of candidates side by side."""
         return self.sim.worlds
 
     @property
     def times(self) -> np.ndarray:
-        """(F,) of the recording [s]."""
+        """Times (F,) [s] of the recording."""
         return self.recording.times
 
     def narrow(self, worlds: int) -> None:
-        """Go on with at most so many worlds: a batch takes the time of all, however few its candidates are."""
+        """Reduce the number of worlds to at most `worlds`: a batch takes the time of all, however few candidates it
+        has."""
         if worlds < self.sim.worlds:
             how = self.how
             self._make(worlds, self.settings)
             self.how = how
 
     def values(self, units: np.ndarray) -> np.ndarray:
-        """Values of what is sought, from places (K, P) between its bounds in 0 to 1, on a logarithmic scale."""
+        """Return the sought values (K, P) from places (K, P) between their bounds in 0 to 1, on a logarithmic scale."""
         return values_of(self.sought, units)
 
     def squares(self, units: np.ndarray) -> np.ndarray:
-        """(K, until) sums of squares [m^2] of candidates (K, P) up to each time; infinite where a world was put
-        back before."""
+        """Return the sums of squares (K, until) [m^2] of candidates (K, P) up to each time.
+
+        They are infinite from the time on at which a world was put back.
+        """
         return np.concatenate(self._all(self._parts(units), False)).cumsum(axis=1)
 
     def residuals(self, units: np.ndarray) -> np.ndarray:
-        """(K, n) residuals [m] of candidates (K, P), over all times that are looked at."""
+        """Return the residuals (K, n) [m] of candidates (K, P) over the first `until` times."""
         return np.concatenate(self._all(self._parts(units), True))
 
     def error(self, units: np.ndarray) -> np.ndarray:
-        """(2, n) by how much the residuals of one candidate (P,) change towards ever more substeps, by Richardson, and
-        where it is computed as the scene's settings say."""
+        """Return two changes (2, n) [m] of the residuals of candidate (P,).
+
+        The first is that in the limit of many substeps (Richardson). The second is that by computing as the scene's
+        settings say.
+        """
         order = 1 if self.settings.method == "xpbd" and self.settings.order == 1 else 2
         coarse = self.residuals(units[None])[0]
         self.sim.set("solver.substeps", 2 * self.settings.substeps)
@@ -165,7 +172,7 @@ class Candidates:
         return np.stack([(fine - coarse) / (1.0 - 0.5**order), self._as_asked(units) - coarse])
 
     def _as_asked(self, units: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of one candidate (P,), computed as the scene's settings say."""
+        """Return the residuals (n,) of candidate (P,), computed as the scene's settings say."""
         pinned, (_, worths, _) = (self.sim, self._observers), self.how
         self._make(self.sim.worlds, self._asked)
         for observer, worth in zip(self._observers, worths, strict=True):
@@ -175,31 +182,32 @@ class Candidates:
         return found
 
     def by_frame(self, rows: np.ndarray) -> list[np.ndarray]:
-        """Residuals (n,) of a candidate, observer by observer (F, size)."""
+        """Split the residuals (n,) of a candidate by observer, each (F, size)."""
         rows = rows.reshape(self.until, -1)
         return np.split(rows, np.cumsum([each.size for each in self._observers])[:-1], axis=1)
 
     def others(self, units: np.ndarray) -> np.ndarray:
-        """(K, P) places to which no way leads down from a good one (P,), and that may be better. Here are none."""
+        """Return further places (K, P) to descend from, near a good one (P,) but in other minima; here none."""
         return np.zeros((0, len(units)))
 
     def refine(self, ends: list[np.ndarray]) -> np.ndarray | None:
-        """Judge more closely from now on, near the first of good places (P,), and return it; None if nothing changes.
+        """Judge more closely from now on near the first of good places (P,); return it, or None if nothing changes.
 
-        Edges of a surface have led near it, and mislead where points are sparse or noisy.
+        Residuals along a surface lead near the best place. There they mislead if points are sparse or noisy, so they
+        are scaled down.
         """
         if self.recording.points:
             self.settle(ends[0], _ASIDE)
         return ends[0] if self.recording.points else None
 
     def settle(self, units: np.ndarray, aside: float = 1.0) -> None:
-        """Judge by a good candidate (P,) what the distances of unordered points are worth, see Observer.settle."""
+        """Weigh the distances of unordered points by the residuals of a good candidate (P,), see Observer.settle."""
         for observer, rows in zip(self._observers, self.by_frame(self.residuals(units[None])[0]), strict=True):
             observer.settle(rows, aside)
 
     @property
     def how(self) -> tuple[int, list[tuple[float, float, float]], int]:
-        """How candidates are judged now: in how many substeps, what distances of points are worth, until when."""
+        """Criteria for candidates: number of substeps, `worth` of each observer, and `until`."""
         return self.sim.settings.substeps, [each.worth for each in self._observers], self.until
 
     @how.setter
@@ -214,13 +222,13 @@ class Candidates:
         return [units[k : k + self.sim.worlds] for k in range(0, len(units), self.sim.worlds)]
 
     def _all(self, parts: list[np.ndarray], keep: bool) -> list[np.ndarray]:
-        """What `run` finds for each part."""
+        """Return the result of `run` for each part."""
         return [self.run(part, keep) for part in parts]
 
     def run(self, units: np.ndarray, keep: bool) -> np.ndarray:
-        """Simulate at most `worlds` candidates (K, P) side by side; those that are fewer are filled up by the last.
+        """Simulate at most `worlds` candidates (K, P) side by side; worlds without one repeat the last.
 
-        Returns their residuals (K, n) [m] or, if not kept, sums of squares (K, until) [m^2] at each time.
+        Return their residuals (K, n) [m] or, if not `keep`, sums of squares (K, until) [m^2] at each time.
         """
         values = self.values(units)
         rows = np.minimum(np.arange(self.sim.worlds), len(values) - 1)
@@ -233,7 +241,7 @@ class Candidates:
         if self.recording.late:
             times -= self.sought[-1].shown(values[rows, -1])
         wanted = times / self.settings.frame_dt  # (F, worlds)
-        ends = np.maximum(np.ceil(wanted - 1e-6), 1.0).astype(int)  # of which frames are looked into
+        ends = np.maximum(np.ceil(wanted - 1e-6), 1.0).astype(int)  # the frame that contains each time
         size = sum(observer.size for observer in self._observers)
         found = np.zeros((len(values), len(times), size) if keep else 0, dtype=np.float64)
         for frame in range(1, ends.max() + 1):
@@ -250,7 +258,7 @@ class Candidates:
         return found.reshape(len(values), -1) if keep else squares[: len(values)]
 
     def _place(self) -> None:
-        """Colliders and handles begin where they were at the start, if the recording says so."""
+        """Put colliders and handles where they were at time 0, if the recording has poses then."""
         for name, rows in self.recording.pose.items():
             if self.recording.pose_times[0] == 0.0:
                 self._mover(name)(name, rows[0, :3], rows[0, 3:], sweep=False)
@@ -259,7 +267,7 @@ class Candidates:
         return self.sim.set_collider_pose if name in self.sim.scene.colliders else self.sim.set_handle_pose
 
     def _step(self, frame: int) -> None:
-        """One frame, to the end of which colliders and handles go as was recorded."""
+        """Simulate a frame, to the end of which colliders and handles move as recorded."""
         time = (frame + 1) * self.settings.frame_dt
         for name, rows in self.recording.pose.items():
             pose = [np.interp(time, self.recording.pose_times, column) for column in rows.T]
@@ -272,8 +280,8 @@ class Candidates:
 
 
 def _pinned(pair: Simulation, sought: Sequence[Sought]) -> Settings:
-    """Settings that compute all candidates alike: as is chosen where the stiffest and the softest are a pair of
-    worlds."""
+    """Return settings that compute all candidates alike: those chosen for worlds of the stiffest and the softest
+    values."""
     for each in sought:
         pair.set(each.name, np.array([each.low, each.high]))
     settings, chosen = pair.settings, list(pair.choices.values())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Candidates spread over the GPUs or CPUs of a cluster by Ray, which does again what is lost with a worker."""
+"""Candidates spread over the GPUs or CPUs of a cluster by Ray, which repeats the work of a worker that died."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from cloth_sim_ros.identify.candidates import Candidates
 from cloth_sim_ros.identify.recording import Recording
 from cloth_sim_ros.sim import Scene, Settings
 
-_RETRIES = 10  # of a batch whose worker died
-_PATIENCE = 5.0  # [s] for an answer of a cluster
+_RETRIES = 10  # retries of a batch whose worker died
+_PATIENCE = 5.0  # longest wait [s] for a cluster's answer
 _ALLOWED = "allowed is 'local' or HOST:PORT"
-_built: dict[str, Candidates] = {}  # of a worker, which keeps what it has built for the batches that follow
+_built: dict[str, Candidates] = {}  # a worker keeps its candidates for the batches that follow
 
 
 def run_batch(key: str, given: tuple, how: tuple, units: np.ndarray, keep: bool) -> np.ndarray:
-    """What `Candidates(*given).run` finds for a batch, judged `how`; `key` says whether they are those of last time."""
+    """Return `Candidates(*given).run` of a batch, judged as `how` says.
+
+    The worker keeps the candidates of the last `key`, and builds them anew for another one.
+    """
     if key not in _built:
         wp.config.log_level = wp.LOG_WARNING
         _built.clear()
@@ -34,18 +37,17 @@ def run_batch(key: str, given: tuple, how: tuple, units: np.ndarray, keep: bool)
 
 @ray.remote(max_retries=_RETRIES)
 def _run(*arguments):
-    """`run_batch` in a worker, which imports it: Ray copies a function with all globals that it names."""
+    """Call `run_batch` in a worker, which imports it: Ray copies a function with all globals that it names."""
     from cloth_sim_ros.identify.cluster import run_batch
 
     return run_batch(*arguments)
 
 
 class Spread(Candidates):
-    """The same, `worlds` candidates at a time on each GPU of a cluster at `address`, or on each CPU core where there is
-    no GPU or `device` is "cpu"; "local" makes a cluster of this machine.
+    """Candidates on a cluster at `address`, `worlds` at a time on each of its GPUs; "local" makes one of this machine.
 
-    What a batch is and finds does not depend on how many there are, nor on which does it. Raises ValueError where there
-    is no cluster.
+    Each CPU core takes them instead if there is no GPU or `device` is "cpu". The results do not depend on the number of
+    workers, nor on which one computes a batch. Raises ValueError if there is no cluster.
     """
 
     def __init__(
@@ -67,7 +69,7 @@ class Spread(Candidates):
         self._share()
 
     def _share(self) -> None:
-        """Tell all workers what they are to build."""
+        """Send all workers what they need to build the candidates."""
         given = (self._scene, self.settings, self.recording, self._fit, self.sim.worlds, self._kind)
         self._key, self._given = uuid.uuid4().hex, ray.put(given)
 
@@ -76,7 +78,7 @@ class Spread(Candidates):
         self._share()
 
     def _all(self, parts: list[np.ndarray], keep: bool) -> list[np.ndarray]:
-        """What `run` finds for each part, in their order."""
+        """Return the result of `run` for each part, in their order."""
         how = ray.put(self.how)
         tasks = [self._task.remote(self._key, self._given, how, part, keep) for part in parts]
         waiting = tasks
@@ -88,7 +90,7 @@ class Spread(Candidates):
 
 
 def _join(address: str) -> None:
-    """Raises ValueError where there is no cluster at an address."""
+    """Connect to the cluster at an address. Raises ValueError if there is none."""
     if address != "local":
         host, _, port = address.removeprefix("ray://").rpartition(":")
         try:  # Ray itself tries for minutes

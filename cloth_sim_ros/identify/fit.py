@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The values that fit a recording best, and how well they are known."""
+"""Least-squares fit of values to a recording, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from scipy.stats import qmc
 
 from cloth_sim_ros.identify.candidates import Candidates
 
-_MOST_POINTS = 20  # of a descent
-_BEGINNINGS = (0.125, 0.25, 0.5)  # of a recording, that are followed before all of it
-_ROUGHLY = 1e-2  # of the range: how near the best place a beginning leads
-MOST_STEPS = 3 * _MOST_POINTS + 5  # batches of worlds, where one holds a point and its neighbours
-_SPREAD = 1.96  # standard deviations of an interval that holds 95 %
+_MOST_POINTS = 20  # most points of a descent
+_BEGINNINGS = (0.125, 0.25, 0.5)  # shares of a recording that are fitted before all of it
+_ROUGHLY = 1e-2  # tolerance of these descents, as a share of the range
+MOST_STEPS = 3 * _MOST_POINTS + 5  # most batches of worlds, each a point and its neighbours
+_SPREAD = 1.96  # standard deviations to either end of a 95 % interval
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """units (P,): the best place between bounds. values (P,); low, high (P,): where the value is, with 95 %.
+    """The best fit. units (P,): its place between bounds. values (P,), with their 95 % intervals from low to high (P,).
 
-    noise [m]: RMS of what is left. rise: how many times more that is in the last quarter than in the first. felt (P,)
-    [m]: RMS of how the motion changes where a value doubles. alike (P, P): correlations of the errors.
+    noise [m]: RMS of the residuals. rise: ratio of this RMS in the last quarter to that in the first. felt (P,) [m]:
+    RMS change of the motion if a value doubles. alike (P, P): correlations of the errors.
     """
 
     units: np.ndarray
@@ -37,15 +37,15 @@ class Estimate:
 
 
 def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimate]:
-    """The first good place (P,) between bounds, and the estimate. Raises ValueError where no candidate can be seen
-    through."""
+    """Return the first good place (P,) between bounds, and the estimate. Raises ValueError if every candidate runs
+    away."""
     count = len(candidates.sought)
     places = evenly(count, max(candidates.worlds, 16 * count), seed)
     squares = candidates.squares(places)
     if not np.isfinite(squares[:, -1]).any():
         raise ValueError("every candidate ran away; allowed are ranges in which the scene can be simulated")
     start = places[np.argmin(squares[:, -1])]
-    candidates.narrow(1 + 2 * count)  # of which `slopes` asks at a time
+    candidates.narrow(1 + 2 * count)  # the candidates of one call of `slopes`
     candidates.settle(start)
     begun = by_beginnings(candidates, places, squares)
     ends = [by_least_squares(candidates, each, candidates.near) for each in (begun, *candidates.others(begun))]
@@ -54,15 +54,16 @@ def identify(candidates: Candidates, seed: int = 0) -> tuple[np.ndarray, Estimat
 
 
 def evenly(numbers: int, count: int, seed: int = 0) -> np.ndarray:
-    """At least `count` places (K, P) that lie evenly between the bounds of so many numbers."""
+    """Return at least `count` places (K, P) that fill the unit cube of so many numbers evenly (Sobol)."""
     return qmc.Sobol(numbers, seed=seed).random_base2(max(1, int(np.ceil(np.log2(count)))))
 
 
 def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """A place (P,) from which the way down ends well, from places (K, P) and their squares (K, F) up to each time.
+    """Return a place (P,) from which a descent ends well, from places (K, P) and their squares (K, F) up to each time.
 
-    A sheet that buckles in another way leaves a misfit with many minima. Its beginning has one, so that is followed
-    first, and then ever more of the recording. What the whole of it likes better wins.
+    A sheet that buckles in another way leaves a misfit with many minima. The misfit of its beginning has one. So the
+    fit follows the beginning first, and then ever more of the recording. The place with the least misfit over all of it
+    wins.
     """
     frames = len(candidates.times)
     found = places[np.argmin(squares[:, -1])]
@@ -75,13 +76,15 @@ def by_beginnings(candidates: Candidates, places: np.ndarray, squares: np.ndarra
 
 
 def _better(candidates: Candidates, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """That of two places (P,) whose squares are less."""
+    """Return that of two places (P,) with the smaller sum of squares."""
     return (one, other)[np.argmin(candidates.squares(np.stack([one, other]))[:, -1])]
 
 
 def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float = 1e-4) -> np.ndarray:
-    """From a start (P,) downhill by scipy's trust region (Branch, Coleman and Li 1999); slopes are by differences, each
-    point with all its neighbours in one batch of worlds."""
+    """Descend from a start (P,) by scipy's trust region (Branch, Coleman and Li 1999); return the end (P,).
+
+    Slopes are differences: each point and all its neighbours are one batch of worlds.
+    """
     known: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def both(units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +93,7 @@ def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float
             known[units.tobytes()] = slopes(candidates, units)
         return known[units.tobytes()]
 
-    if not both(start)[1].any():  # nothing feels it, and scipy divides by its slopes
+    if not both(start)[1].any():  # nothing depends on it, and scipy divides by its slopes
         return start
     found = least_squares(
         lambda units: both(units)[0],
@@ -107,7 +110,7 @@ def by_least_squares(candidates: Candidates, start: np.ndarray, tolerance: float
 
 
 def slopes(candidates: Candidates, units: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n,) [m] of one candidate (P,), and their slopes (n, P) by its place between the bounds."""
+    """Return the residuals (n,) [m] of candidate (P,), and their slopes (n, P) by its place between the bounds."""
     count = len(units)
     step = candidates.step / np.log([each.high / each.low for each in candidates.sought])
     steps = np.concatenate([np.zeros((1, count)), np.diag(step), -np.diag(step)])
@@ -116,11 +119,11 @@ def slopes(candidates: Candidates, units: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
-    """What is known of the values at the best place.
+    """Return the values at the best place, with their intervals.
 
-    The slopes of the misfit tell it, as by Gauss and Newton, where what is left is noise on its own at every number. It
-    may be shared within a frame, which the sum of each frame's slopes tells (Liang and Zeger 1986). The larger counts.
-    To that comes by how much other values would fit with ever more substeps, or with those of the scene.
+    The Gauss-Newton information matrix gives the covariance if the noise of all numbers is independent. If noise is
+    shared within a frame, the sums of each frame's slopes give it (Liang and Zeger 1986). The larger of both variances
+    counts. The interval is widened by the shift of the values with ever more substeps, or with those of the scene.
     """
     width = np.log([each.high / each.low for each in candidates.sought])
     left, jacobian = slopes(candidates, units)
@@ -146,5 +149,5 @@ def estimate(candidates: Candidates, units: np.ndarray) -> Estimate:
 
 
 def _rms(rows: np.ndarray) -> float:
-    """Of what was seen, which is not 0."""
+    """Return the RMS of the entries that are not 0, which are those that were seen."""
     return np.sqrt((rows**2).sum() / max(np.count_nonzero(rows), 1))

@@ -21,13 +21,13 @@ from cloth_sim_ros.identify.markers import Markers
 from cloth_sim_ros.identify.terminal import Progress, exit_status
 from cloth_sim_ros.status_line import show
 
-_PARTS = 4  # of time, of which the table has a column each
+_PARTS = 4  # parts of time, each a column of the table
 _SHOWN = 4  # moments in the picture
-_HELD_OUT = 5  # one run in so many is judged and not fitted, where no others are given
+_HELD_OUT = 5  # one run in so many is judged and not fitted, if no others are given
 
 
 def main() -> int:
-    """Parse the command line, fit, judge and write; returns the exit status."""
+    """Parse the command line, fit, judge and write; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify.fit_cable", description=__doc__)
     paths = {"type": Path, "nargs": "+", "metavar": "RECORDING"}
     parser.add_argument("recordings", help=".npz or .csv files of markers, or bags, see docs/how-to/cables.md", **paths)
@@ -38,7 +38,7 @@ def main() -> int:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options of how a cable is fitted, and of what bags show of it."""
+    """Add the options for fitting a cable, and for reading bags."""
     topics = {"nargs": "+", "default": [], "metavar": "/TOPIC"}
     parser.add_argument("--markers", help="topics of a bag with markers, in their order along the cable", **topics)
     parser.add_argument("--wrench", help="topics of a bag with forces on the hand at the start, to be added", **topics)
@@ -63,9 +63,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
-    """Fit a cable to recordings, judge it by others, tell, draw and write. Raises ValueError in one sentence.
+    """Fit a cable to recordings, judge it by others, print, draw and write. Raises ValueError in one sentence.
 
-    Returns name -> (F, R, M, 3) by how much markers of the judged runs are off [m]: "fitted", "hold" and "blend".
+    Return name -> errors (F, R, M, 3) [m] of the markers of the judged runs: "fitted", "hold" and "blend".
     """
     topics = CableTopics(arguments.markers, arguments.wrench, arguments.frame)
     span = arguments.begin, arguments.end
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> dict[str, np.ndarray]:
 
 
 def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> list[str]:
-    """What was found, one line for each number."""
+    """Return lines that say what was found, one for each number."""
     compliance, damping, drag, torsion = found.values[:4]
     rigidity = 1.0 / compliance
     low, high = 1.0 / found.high[0], 1.0 / found.low[0]
@@ -126,7 +126,7 @@ def sentences(cable: Cable, candidates: CableCandidates, found: Estimate) -> lis
 
 
 def table(off: dict[str, np.ndarray], fitted: int, judged: int) -> list[str]:
-    """Rows of mean errors [mm]: in all, in each part of time, and of the worst marker."""
+    """Return rows of mean errors [mm]: over all, in each part of time, and of the worst marker."""
     rows = [
         f"Mean error |x - x_ref| [mm] in {judged} runs that were not fitted ({fitted} were):",
         f"{'':8}{'all':>8}" + "".join(f"{f'{k + 1}/{_PARTS}':>8}" for k in range(_PARTS)) + f"{'worst marker':>14}",
@@ -140,7 +140,7 @@ def table(off: dict[str, np.ndarray], fitted: int, judged: int) -> list[str]:
 
 
 def yaml_of(cable: Cable, found: Estimate) -> str:
-    """A scene of the node with the cable, straight between two points."""
+    """Return the node's YAML of a scene with the cable, straight between two points."""
     compliance, damping, drag, torsion = (float(f"{value:.4g}") for value in found.values[:4])
     length = float(cable.places[-1])
     rope = cable.rope(compliance, damping, torsion)
@@ -166,7 +166,7 @@ def yaml_of(cable: Cable, found: Estimate) -> str:
 
 
 def draw(judge: CableCandidates, off: dict[str, np.ndarray], path: Path) -> None:
-    """A PNG: errors over time, errors by marker, and the first run at some moments, recorded and computed."""
+    """Draw a PNG: errors over time, errors by marker, and the first run at some moments, recorded and computed."""
     from matplotlib.figure import Figure  # not before `exit_status` has looked whether it is there
 
     figure = Figure(figsize=(15.0, 4.5), layout="constrained")

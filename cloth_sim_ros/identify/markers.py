@@ -16,21 +16,21 @@ from cloth_sim_ros.identify.cable_bag import CableTopics
 
 _FEWEST = 10  # frames of a run
 _UNEVEN = 0.01  # largest share by which the time between two frames may differ from the mean
-_DIFFERENCES = 6  # order of differences in time in which noise is seen
-_MEDIAN = 0.6745  # median of the distance of normal noise from its mean, in standard deviations
-_FARTHER = 1.6  # times as far as around it held markers go between two frames, if others were lost there
-_UNLIKE = 0.6  # largest share of such a jump that the motion around it, faster, leaves
+_DIFFERENCES = 6  # order of the differences in time that show noise
+_MEDIAN = 0.6745  # median absolute deviation of normal noise, in standard deviations
+_FARTHER = 1.6  # least move of held markers between two frames across a loss, over the moves around it
+_UNLIKE = 0.6  # largest share of such a jump that a multiple of the motion around it leaves unexplained
 _JUMP = 8.0  # least size of such a jump, in medians over all frames
-_GAP = 0.25  # longest time of lost frames that the motion around them tells [s]
+_GAP = 0.25  # longest gap of lost frames [s] that the motion around it reveals
 _POINTS = 9  # points along a spline between two markers, by which its length is measured
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Runs with the same cable: (F, M, 3) positions [m] of M markers from its start to its end, `rate` frames a second.
+    """Runs with the same cable: positions (F, M, 3) [m] of M markers from its start to its end, `rate` frames a second.
 
-    A marker that was not seen is not a number. forces: (F, 3) [N] of each run, with which the cable pulls at the hand
-    that holds its start; None where some run has none.
+    A marker that was not seen is NaN. forces: (F, 3) [N] of each run, with which the cable pulls at the hand that holds
+    its start; None if any run lacks them.
     """
 
     runs: list[np.ndarray]
@@ -44,9 +44,10 @@ class Markers:
         begin: float = 0.0,
         end: float = math.inf,
     ) -> Markers:
-        """Read files of runs, or bags by their `topics`: of each what lies from `begin` to `end` [s] after its start.
+        """Read files of runs, or bags by their `topics`, and keep the part from `begin` to `end` [s] after the start of
+        each.
 
-        Raises ValueError in one sentence for what cannot be read, or does not belong together.
+        Raises ValueError in one sentence for files that cannot be read or do not belong together.
 
         An .npz file has one array (F, M, 3), or (R, F, M, 3) of several runs, in metres or in multiples of `unit` [m].
         Beside it is `rate` or `rate_hz` [1/s], or `times` (F,) [s]. A .csv file has rows of time [s], then x y z [m] of
@@ -68,7 +69,10 @@ class Markers:
         return Markers(runs, rate, forces)
 
     def split(self, share: int) -> tuple[Markers, Markers]:
-        """All runs but the last of every `share`, at least one; then these. Raises ValueError for one run."""
+        """Return the runs to fit, and the runs to judge by: the last 1 / `share` of all, at least one.
+
+        Raises ValueError for one run.
+        """
         if len(self.runs) < 2:
             raise ValueError("there is one run and nothing to judge by; allowed are several, or --judge RECORDING")
         kept = max(1, len(self.runs) // share)
@@ -76,10 +80,10 @@ class Markers:
         return tuple(Markers(self.runs[part], self.rate, self.forces and self.forces[part]) for part in parts)
 
     def filled(self, held: Sequence[int]) -> Markers:
-        """The same with frames that a recorder lost, in which nothing is a number; all runs are as long as the longest.
+        """Return all runs with NaN in the frames that a recorder lost, each as long as the longest.
 
-        held: markers that tell where frames were lost, as they go as far as in several frames, on the way before and
-        behind. What is behind the end of the shortest run as it was given is left out.
+        held: markers that reveal lost frames: they jump several frames' way at once, along the motion before and after.
+        Frames beyond the end of the shortest given run are left out.
         """
         numbers = [_frame_numbers(run[:, held], _GAP * self.rate) for run in self.seen]
         count = 1 + max(each[-1] for each in numbers)
@@ -99,12 +103,15 @@ class Markers:
 
     @property
     def seen(self) -> np.ndarray:
-        """(R, F, M, 3) [m] of all runs, as long as the shortest."""
+        """Positions (R, F, M, 3) [m] of all runs, cut to the shortest."""
         frames = min(map(len, self.runs))
         return np.stack([run[:frames] for run in self.runs])
 
     def lengths(self) -> np.ndarray:
-        """(M - 1,) [m] of cable between markers: the mean of splines through all markers that are seen together."""
+        """Return the lengths (M - 1,) [m] of cable between markers: means of splines in frames that show all markers.
+
+        Raises ValueError if no frame shows all.
+        """
         found = []
         for run in self.runs:
             for frame in run:
@@ -118,18 +125,19 @@ class Markers:
         return np.mean(found, axis=0)
 
     def noise(self, markers: Sequence[int]) -> float:
-        """Standard deviation [m] of noise in a coordinate of these markers, from a median.
+        """Return the standard deviation [m] of the noise of a coordinate of these markers, from a median.
 
-        It is seen in sixth differences in time, of which a smooth motion has few.
+        It is taken from sixth differences in time, in which a smooth motion is small.
         """
         rows = np.concatenate([np.diff(run[:, markers], _DIFFERENCES, axis=0).ravel() for run in self.runs])
         return float(np.nanmedian(np.abs(rows)) / (_MEDIAN * math.sqrt(math.comb(2 * _DIFFERENCES, _DIFFERENCES))))
 
     def start(self, run: int, frames: int) -> np.ndarray:
-        """Positions and velocities (2, M, 3) [m, m/s] in the first frame of a run, from its first `frames` frames.
+        """Return positions and velocities (2, M, 3) [m, m/s] in the first frame of a run, from its first `frames`
+        frames.
 
-        They are those of parabolas through these frames, or of lines through two. Raises ValueError where a marker is
-        not seen in them.
+        They are those of parabolas through these frames, or of lines through two. Raises ValueError if any of these
+        frames lacks a marker.
         """
         seen = self.runs[run][:frames]
         if not np.isfinite(seen).all():
@@ -140,7 +148,7 @@ class Markers:
 
 
 def bridged(rows: np.ndarray) -> np.ndarray:
-    """(R, F, ...) without gaps: on a smooth way between where rows are numbers, and still behind the last that are."""
+    """Return rows (R, F, ...) with gaps interpolated smoothly; after the last known row they stay as it is."""
     found = np.empty_like(rows)
     for row, given in zip(found, rows, strict=True):
         known = np.flatnonzero(np.isfinite(given).reshape(len(given), -1).all(axis=1))
@@ -149,7 +157,10 @@ def bridged(rows: np.ndarray) -> np.ndarray:
 
 
 def _frame_numbers(held: np.ndarray, longest: float) -> np.ndarray:
-    """(F,) numbers of frames of held markers (F, H, 3), with those that were lost between, less than `longest`."""
+    """Return the numbers (F,) of frames with held markers (F, H, 3), counting lost frames in between.
+
+    A jump of `longest` frames or more counts as none lost.
+    """
     moves = np.diff(held, axis=0).reshape(len(held) - 1, -1)
     steps = np.ones(len(moves), dtype=int)
     if len(moves) > 2:
@@ -164,7 +175,7 @@ def _frame_numbers(held: np.ndarray, longest: float) -> np.ndarray:
 
 
 def _along(frame: np.ndarray) -> np.ndarray:
-    """(M,) lengths of chords from the first marker to each [m]."""
+    """Return the lengths (M,) [m] of the chords from the first marker to each."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(frame, axis=0), axis=1))])
 
 
@@ -172,7 +183,7 @@ _Read = tuple[list[np.ndarray], float, list[np.ndarray] | None]  # runs, frames 
 
 
 def _cut(path: Path, read: _Read, begin: float, end: float) -> _Read:
-    """What lies between two times [s]."""
+    """Keep the frames between two times [s]. Raises ValueError if fewer than _FEWEST remain."""
     runs, rate, forces = read
     span = (len(runs[0]) - 1) / rate
     if not 0.0 <= begin or not (min(end, span) - begin) * rate >= _FEWEST - 1 - _UNEVEN:
@@ -231,7 +242,7 @@ def _read_csv(path: Path) -> _Read:
 
 
 def _rate_of(times: np.ndarray, path: Path) -> float:
-    """Frames a second of times (F,) [s]."""
+    """Return the frames a second of times (F,) [s]. Raises ValueError if they do not rise evenly."""
     steps = np.diff(times)
     if len(steps) < 1 or not (np.abs(steps - steps.mean()) <= _UNEVEN * steps.mean()).all():
         raise ValueError(f"{path} has no even times; allowed are rate [Hz], or times [s] that rise evenly")

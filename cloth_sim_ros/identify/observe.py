@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far every world is from what was seen of one object, on the device."""
+"""Residuals of every world against the observations of one object, on the device."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import warp as wp
 from cloth_sim_ros.sim import Simulation
 from cloth_sim_ros.sim.kernels.compiled import compiled
 
-_AXES = 3.0**0.5  # times a distance from the surface is one from a particle, for the same noise along three axes
-_FAR = 3.0  # times the median distance of particles from points, beyond which nothing was seen of them
-_LEAST = 0.01  # of what distances of particles may be worth, where points have no noise
+_AXES = 3.0**0.5  # ratio of a distance from a particle to one from the surface, for the same noise along three axes
+_FAR = 3.0  # largest distance of a seen particle from points, in medians
+_LEAST = 0.01  # least weight of distances of particles, if points have no noise
 
 
 @compiled
@@ -24,8 +24,10 @@ def between(
     dt: float,
     places: wp.array2d(dtype=wp.vec3),
 ):
-    """Where particles are at each world's share of a frame of dt [s]: the cubic through places and velocities at its
-    ends."""
+    """Write the positions of particles at each world's share of a frame of dt [s].
+
+    They lie on the cubic through positions and velocities at both ends of the frame.
+    """
     w, i = wp.tid()
     t = shares[w]
     a = t * t * (3.0 - 2.0 * t)
@@ -39,7 +41,7 @@ def between(
 
 @compiled
 def apart(places: wp.array2d(dtype=wp.vec3), seen: wp.array(dtype=wp.vec3), out: wp.array2d(dtype=float)):
-    """By how much each particle is from where it was seen, 0 where it was not."""
+    """Write the offset of each particle from where it was seen, 0 if it was not."""
     w, i = wp.tid()
     for k in range(3):
         d = places[w, i][k] - seen[i][k]
@@ -48,7 +50,7 @@ def apart(places: wp.array2d(dtype=wp.vec3), seen: wp.array(dtype=wp.vec3), out:
 
 @wp.func
 def on_segment(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> wp.vec3:
-    """The point of a segment that is nearest to p."""
+    """Return the point of segment a b that is nearest to p."""
     edge = b - a
     return a + wp.clamp(wp.dot(p - a, edge) / wp.max(wp.dot(edge, edge), 1.0e-20), 0.0, 1.0) * edge
 
@@ -60,7 +62,7 @@ def nearer(p: wp.vec3, a: wp.vec3, b: wp.vec3) -> wp.vec3:
 
 @wp.func
 def on_triangle(p: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
-    """The point of a triangle that is nearest to p: in its plane where p is above it, else on its edges."""
+    """Return the point of a triangle that is nearest to p: in its plane if p is above it, else on its edges."""
     n = wp.cross(b - a, c - a)
     inside = (
         wp.dot(wp.cross(b - a, p - a), n) >= 0.0
@@ -82,10 +84,11 @@ def off_surface(
     aside: float,
     out: wp.array2d(dtype=float),
 ):
-    """Each seen point less what is nearest to it on the elements around its nearest particle, 0 where nothing was seen.
+    """Write the offset of each seen point from the nearest point on the elements around its nearest particle, 0 if
+    unseen.
 
-    What of that lies along the element, beyond an edge, is multiplied by `aside`. These are vectors, as a distance has
-    no slope where it is least, on the surface.
+    The component along the element, beyond an edge, is multiplied by `aside`. Offsets are vectors, as a distance has no
+    slope at its minimum, on the surface.
     """
     w, m = wp.tid()
     p = seen[m]
@@ -131,22 +134,23 @@ def off_points(
     first: int,
     out: wp.array2d(dtype=float),
 ):
-    """How far each particle is from the nearest seen point, up to a cap, times a weight; 0 where none was seen."""
+    """Write the distance of each particle from the nearest seen point, at most `cap`, times a weight; 0 if none was
+    seen."""
     w, i = wp.tid()
     least = float(1.0e30)
     for m in range(seen.shape[0]):
         d = wp.length_sq(places[w, i] - seen[m])
-        if d < least:  # which what was not seen is not
+        if d < least:  # False for NaN, an unseen point
             least = d
     out[w, first + i] = wp.where(least < 1.0e30, weight * wp.min(wp.sqrt(least), cap), 0.0)
 
 
 class Observer:
-    """Compares one object in all worlds with what was seen of it, frame by frame.
+    """Compares one object in all worlds with its observations, frame by frame.
 
-    ordered: whether `seen` (F, M, 3) are its particles in order, or points anywhere on it. Those are compared both
-    ways: each point with the surface, and each particle with the points. Without the second a sheet that is too large
-    would do. It counts as far as points lie close, and not at all where nothing was seen, see `settle`.
+    ordered: True if `seen` (F, M, 3) are its particles in order, False if they are points anywhere on it. Unordered
+    points are compared both ways: each point with the surface, and each particle with the points. Without the second,
+    too large a sheet would fit. The second counts only as far as points lie close, see `settle`.
     """
 
     def __init__(self, sim: Simulation, name: str, seen: np.ndarray, ordered: bool) -> None:
@@ -157,7 +161,7 @@ class Observer:
         self._places = wp.zeros(self._shape, dtype=wp.vec3, device=self._device)
         self._seen = wp.array(seen.astype(np.float32), dtype=wp.vec3, device=self._device)
         self._count = seen.shape[1]
-        # How far a particle from points counts at most [m], times what, and times what points off edges do; see settle
+        # Largest distance [m] of a particle that counts, its weight, and the factor of offsets along; see settle
         self.worth = (1e15, 1.0, 1.0)
         self.size = 3 * self._count + (0 if ordered else self._shape[1])
         self._out = wp.zeros((sim.worlds, self.size), dtype=float, device=self._device)
@@ -167,8 +171,10 @@ class Observer:
         )
 
     def settle(self, residuals: np.ndarray, aside: float) -> None:
-        """Judge by residuals (F, size) of a good candidate how much distances of particles from points are worth, and
-        multiply by `aside` what is off along the surface: these and points beyond an edge."""
+        """Set the weight of distances from particles to points, from the residuals (F, size) of a good candidate.
+
+        aside: factor of offsets along the surface, which are these distances and points beyond an edge.
+        """
         if self._ordered:
             return
         cap, weight, _ = self.worth
@@ -183,13 +189,15 @@ class Observer:
         return [self._sim.tensor(self._name, what) for what in ("positions", "velocities")]
 
     def keep(self) -> None:
-        """Remember the state at the beginning of a frame."""
+        """Store the state at the beginning of a frame."""
         for last, now in zip(self._last, self._now(), strict=True):
             wp.copy(last, now)
 
     def residuals(self, frame: int, share: np.ndarray) -> np.ndarray:
-        """(worlds, size) float32 [m] from what was seen at `frame` of the recording, at these shares (worlds,) of the
-        last frame of the simulation."""
+        """Return the residuals (worlds, size) float32 [m] against observation `frame` of the recording.
+
+        share (worlds,): the time of that observation in each world, as a share of the last simulated frame.
+        """
         shares = wp.array(share.astype(np.float32), device=self._device)
         inputs = [*self._last, *self._now(), shares, self._sim.settings.frame_dt, self._places]
         self._launch(between, self._shape[1], inputs)
@@ -209,8 +217,11 @@ class Observer:
 
 
 def _surface(sim: Simulation, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Elements (E, 3) of an object, segments with -1; where in the third array those around a particle begin (N + 1,);
-    and which they are."""
+    """Return the elements (E, 3) of an object, and those around each particle, in compressed rows.
+
+    Segments have -1 as third corner. Elements around particle i are entries start[i] to start[i + 1] of the third
+    array.
+    """
     elements, count = sim.triangles(name), len(sim.masses(name))
     if not len(elements):
         first = np.arange(count - 1)

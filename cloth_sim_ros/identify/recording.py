@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was seen of a scene: particles or points over time, and how colliders and handles moved meanwhile."""
+"""Observations of a scene: particles or points over time, and the motion of colliders and handles."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _TIMES = ("times", "pose_times")
 class Recording:
     """Observations at `times` (F,) [s], which rise; the scene starts at 0.
 
-    positions: object -> (F, N, 3) [m], its particles in order, not a number where they were not seen. points: object ->
-    (F, M, 3) [m], points anywhere on it in any order, likewise. pose: collider or handle -> (F, 7), x y z [m] and x y z
-    w of its orientation, reached at `pose_times` (F,), which are `times` unless given. late: between what [s] all times
-    but those of poses are late; one number of that range is found. Raises ValueError for what cannot be.
+    positions: object -> (F, N, 3) [m], its particles in order, NaN where they were not seen. points: object -> (F, M,
+    3) [m], points anywhere on it in any order, likewise. pose: collider or handle -> (F, 7), x y z [m] and x y z w of
+    its orientation, reached at `pose_times` (F,), which are `times` unless given. late: bounds [s] of the delay of all
+    times but those of poses; the fit finds one delay between them. Raises ValueError for arrays that do not fit.
     """
 
     times: np.ndarray
@@ -51,13 +51,16 @@ class Recording:
 
     @property
     def size(self) -> float:
-        """The longest edge [m] of the box in which objects were seen."""
+        """Longest edge [m] of the box in which objects were seen."""
         seen = np.concatenate([rows.reshape(-1, 3) for part in (self.positions, self.points) for rows in part.values()])
         return float(np.ptp(seen[np.isfinite(seen).all(axis=1)], axis=0).max())
 
     @staticmethod
     def read(path: Path) -> Recording:
-        """The recording in an .npz file with the arrays times, positions/NAME, points/NAME and pose/NAME."""
+        """Read a recording from an .npz file with the arrays times, positions/NAME, points/NAME and pose/NAME.
+
+        Raises ValueError in one sentence.
+        """
         try:
             with np.load(path, allow_pickle=False) as file:
                 arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
@@ -77,8 +80,10 @@ class Recording:
         return Recording(arrays["times"], **found, pose_times=arrays.get("pose_times"))
 
     def delayed(self, low: float, high: float) -> Recording:
-        """The same, of which all but poses is late by `low` to `high` [s], without what may be of before the start.
-        Raises ValueError where that cannot be."""
+        """Return a recording whose observations, but not poses, are late by `low` to `high` [s].
+
+        Observations that may lie before the start are left out. Raises ValueError for bounds that are not allowed.
+        """
         if not -_MOST_DELAY <= low < high <= _MOST_DELAY:
             raise ValueError(
                 f"the delay is looked for from {low:g} to {high:g} s; allowed is LOW:HIGH that rises within "
@@ -95,12 +100,12 @@ class Recording:
         return replace(self, times=self.times[kept], positions=positions, points=points, late=(low, high))
 
     def write(self, path: Path) -> None:
-        """Into an .npz file, all but `late`."""
+        """Write an .npz file with all but `late`."""
         arrays = {f"{kind}/{name}": rows for kind in _KINDS for name, rows in getattr(self, kind).items()}
         np.savez_compressed(path, times=self.times, pose_times=self.pose_times, **arrays)
 
     def check(self, sim: Simulation) -> None:
-        """Raise ValueError where it does not belong to a simulation's scene."""
+        """Raise ValueError if the recording does not fit a simulation's scene."""
         scene = sim.scene
         for kind, known in (("positions", scene.objects), ("points", scene.objects), ("pose", None)):
             known = {**scene.colliders, **scene.handles} if known is None else known

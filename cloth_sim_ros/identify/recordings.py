@@ -16,7 +16,7 @@ from cloth_sim_ros.identify.terminal import exit_status
 
 
 def main() -> int:
-    """Parse the command line, fit and judge; returns the exit status."""
+    """Parse the command line, fit and judge; return the exit status."""
     parser = argparse.ArgumentParser(prog="python -m cloth_sim_ros.identify.recordings", description=__doc__)
     parser.add_argument("folder", type=Path, help="with recordings of cables, see docs/how-to/cables.md")
     fit_cable.add_options(parser)
@@ -25,7 +25,7 @@ def main() -> int:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Fit and judge every cable of a folder; a table at the end. Raises ValueError in one sentence."""
+    """Fit and judge every cable of a folder, and print a table at the end. Raises ValueError in one sentence."""
     rows = []
     topics = CableTopics(arguments.markers, arguments.wrench, arguments.frame)
     for name, files in cables(arguments.folder, topics):
@@ -42,7 +42,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def cables(folder: Path, topics: CableTopics) -> Iterator[tuple[str, list[Path]]]:
-    """Name and files of each cable: a file of several runs, or all others of a folder together. Bags are files.
+    """Yield name and files of each cable: a file of several runs, or all others of a folder together. Bags count as
+    files.
 
     Raises ValueError for a folder without recordings.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What was found, in words and as a picture."""
+"""Report of an estimate, in sentences and as a picture."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from cloth_sim_ros.identify.candidates import Candidates, Delay
 from cloth_sim_ros.identify.fit import Estimate
 
 _WIDE = 2.0  # a value that may be twice or half of what fits best is not known
-_ALIKE = 0.95  # correlation of errors beyond which two values are known together only
+_ALIKE = 0.95  # correlation of errors beyond which only a ratio or product of two values is known
 _MATTERS = 1.05  # an interval that is narrower needs no such words
-_RISES = 3.0  # times more is left at the end of a recording than at its beginning: that is not noise
-_SMALL = 1e-3  # of the size of what was seen; where less is left, it matters to nobody
+_RISES = 3.0  # ratio of the misfit at the end to that at the beginning, beyond which it is not noise
+_SMALL = 1e-3  # misfit over the size of what was seen, below which nobody needs that warning
 _SHOWN = 25  # places along the range of a number, in the picture
 
 
 def sentences(candidates: Candidates, found: Estimate) -> list[str]:
-    """One for each value, what the recording cannot tell, and what is left."""
+    """Return a sentence for each value, on what the recording cannot tell, and on the remaining misfit."""
     sought, said = candidates.sought, []
     for k, each in enumerate(sought):
         value, low, high = found.values[k], found.low[k], found.high[k]
@@ -69,7 +69,7 @@ def _delay(each: Delay, value: float, low: float, high: float) -> str:
 
 
 def draw(candidates: Candidates, start: np.ndarray, found: Estimate, path: Path) -> None:
-    """A PNG: how far the motion is from the recording before and after, and around each value with its interval."""
+    """Draw a PNG: the misfit over time before and after the fit, and around each value with its interval."""
     count = len(candidates.sought)
     from matplotlib.figure import Figure  # not before `exit_status` has looked whether it is there
 

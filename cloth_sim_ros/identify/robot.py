@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of a robot as a Recording: clouds of its depth camera, and poses of its hands and of what it moves."""
+"""Read a bag of a robot as a Recording: clouds of its depth camera, and poses of its hands and of what it moves."""
 
 from __future__ import annotations
 
@@ -16,16 +16,22 @@ from cloth_sim_ros.record.topics import CLOUD, Topics
 from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy)
 
 POSE = "geometry_msgs/msg/PoseStamped"
-_MOST_POINTS = 2000  # of a cloud: each is compared with every particle
+_MOST_POINTS = 2000  # most points of a cloud, as each is compared with every particle
 
 
 def robot_recording(
     path: Path, plan: Plan, points: Mapping[str, str], poses: Mapping[str, str], begin: float
 ) -> tuple[Recording, list[str]]:
-    """What a bag shows of a scene, and a sentence on each topic.
+    """Return the recording of a scene in a bag, and a sentence on each topic.
 
-    points: object -> topic; poses: collider or handle -> topic. Time 0 is `begin` [s] after the first stamp that is
-    used. Raises ValueError, in one sentence, for what cannot be.
+    Args:
+        path: The bag.
+        plan: The scene and its frame.
+        points: Object -> topic of clouds.
+        poses: Collider or handle -> topic of poses.
+        begin: Time 0 of the scene [s], after the first stamp that is used.
+
+    Raises ValueError in one sentence if the bag does not fit the scene.
     """
     _check("--points", points, plan.scene.objects)
     _check("--poses", poses, {**plan.scene.colliders, **plan.scene.handles})
@@ -72,7 +78,7 @@ def _check(option: str, topics: Iterable[str], known: Iterable[str]) -> None:
 
 
 def _seen(cloud: Taken, stamps: np.ndarray) -> np.ndarray:
-    """(F, M, 3) points in our frame at `stamps`, not a number where there are fewer."""
+    """Return points (F, M, 3) in our frame at `stamps`, padded with NaN."""
     found = np.full((len(stamps), max(1, *map(len, cloud.rows.values())), 3), np.nan)
     for k, (stamp, rows) in enumerate(cloud.rows.items()):
         if stamp >= stamps[0] and len(rows):
@@ -86,7 +92,7 @@ def _pose(message: Any, topic: str) -> np.ndarray:
 
 
 def _points(cloud: Any, topic: str) -> np.ndarray:
-    """(N, 3) finite points of a cloud, evenly thinned."""
+    """Return the finite points (N, 3) of a cloud, evenly thinned."""
     points = points_of(cloud, topic)
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) <= _MOST_POINTS:

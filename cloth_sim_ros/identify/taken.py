@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag holds of places and forces: the messages of a topic, and where their frame is by tf."""
+"""Read positions and forces from a bag: the messages of a topic, and the pose of their frame by tf."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ import numpy as np
 from cloth_sim_ros.identify.transforms import Track, Transforms, nanoseconds
 from cloth_sim_ros.record.topics import Topics
 
-LONGEST = 3600.0  # [s]: stamps further apart are of different clocks
+LONGEST = 3600.0  # longest span of stamps [s]; those further apart come from different clocks
 _FORMATS = {7: "f4", 8: "f8"}  # of sensor_msgs/PointField
 
-Take = Callable[[Any, str], np.ndarray]  # rows of a message of a topic
+Take = Callable[[Any, str], np.ndarray]  # takes a message and its topic, returns rows
 
 
 @dataclass(frozen=True)
 class Taken:
-    """What was taken of messages: rows by stamp [ns], their frame, where it is then, and how many there are."""
+    """Rows of messages by stamp [ns], their frame, the track of its poses at these stamps, and the count of all
+    messages."""
 
     topic: str
     frame: str
@@ -29,16 +30,16 @@ class Taken:
     count: int
 
     def told(self, words: str, zero: int, first: int | None) -> str:
-        """One sentence on the messages from a stamp on."""
+        """Return one sentence on the messages from stamp `first` on."""
         times = self.place.times if first is None else self.place.times[self.place.times >= first]
         span = f"from {1e-9 * (times[0] - zero):.3g} to {1e-9 * (times[-1] - zero):.3g} s " if len(times) else ""
         return f"{self.topic}: {len(times)} of {self.count} messages, {span}after the start, {words}."
 
 
 def taken(bag: Topics, frames: Transforms, ours: str, topic: str, takes: Mapping[str, Take]) -> Taken:
-    """All messages of a topic for which it is known where they are in our frame, or in theirs where that is "".
+    """Return all messages of a topic at whose stamps the pose of their frame in `ours` is known; "" is their own frame.
 
-    takes: type that a topic may have -> what it takes of a message. Raises ValueError.
+    takes: allowed type of the topic -> function that returns the rows of a message. Raises ValueError.
     """
     if bag.types.get(topic) not in takes:
         has = f"is {bag.types[topic]}" if topic in bag.types else "is not there"
@@ -68,7 +69,8 @@ def taken(bag: Topics, frames: Transforms, ours: str, topic: str, takes: Mapping
 
 
 def points_of(cloud: Any, topic: str) -> np.ndarray:
-    """(N, 3) points of a cloud, in their order. Raises ValueError where it has none of x, y and z."""
+    """Return the points (N, 3) of a cloud, in their order. Raises ValueError if x, y or z is missing or has another
+    type."""
     fields = {each.name: each for each in cloud.fields}
     if not all(name in fields and fields[name].datatype in _FORMATS for name in "xyz"):
         raise ValueError(f"{topic} has clouds of {', '.join(fields)}; allowed are x, y and z of 32 or 64 bits")

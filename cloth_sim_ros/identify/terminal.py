@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands of this folder say on a terminal: how far a search is, and what went wrong."""
+"""Terminal output of this folder's commands: progress of a search, and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cloth_sim_ros.status_line import show
 
 
 def exit_status(run: Callable[[argparse.Namespace], Any], arguments: argparse.Namespace) -> int:
-    """Run a command and return its exit status: 2 where it raises ValueError, whose one sentence is printed."""
+    """Run a command and return its exit status: 2 if it raises ValueError, whose one sentence is printed."""
     wp.config.log_level = wp.LOG_WARNING
     try:
         if lack := missing("matplotlib"):
@@ -30,7 +30,7 @@ def exit_status(run: Callable[[argparse.Namespace], Any], arguments: argparse.Na
 
 
 class Progress:
-    """Says on a terminal how far it is and how long it takes at most, from the frames that are done."""
+    """Shows on a terminal the number of frames done, and the longest time that is left."""
 
     def __init__(self, candidates: Any) -> None:
         self._began, self._told = time.monotonic(), 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses over time, and where the frames of a bag are in one another by its /tf_static and /tf."""
+"""Poses over time, and the tree of a bag's frames from /tf_static and /tf."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cloth_sim_ros.record.topics import Topics
 from cloth_sim_ros.sim.physics.quaternion import unit_quaternions
 
 _TOPICS = ("/tf_static", "/tf")
-_ALWAYS = 1 << 62  # [ns] before and after all stamps
-_MOST_TOLD = 12  # transforms that a sentence names
+_ALWAYS = 1 << 62  # a time [ns] after all stamps, and negated before them
+_MOST_TOLD = 12  # most transforms that a sentence names
 
 
 @dataclass(frozen=True)
 class Track:
-    """Poses at `times` (T,) [ns], which rise: positions (T, 3) [m], and as many turns."""
+    """Poses at `times` (T,) [ns], which rise: positions (T, 3) [m], and as many rotations."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -28,7 +28,8 @@ class Track:
 
     @staticmethod
     def of(rows: dict[int, Sequence[float]], name: str) -> Track:
-        """From stamps [ns] -> x y z [m], x y z w. Raises ValueError for what is no pose; `name` says of what."""
+        """Return a track from stamps [ns] -> x y z [m], x y z w. Raises ValueError, which names `name`, for an invalid
+        pose."""
         times = np.array(sorted(rows), dtype=np.int64)
         poses = np.array([rows[time] for time in times.tolist()], dtype=np.float64)
         if not np.isfinite(poses[:, :3]).all():
@@ -37,7 +38,7 @@ class Track:
         return Track(times, poses[:, :3], Rotation.from_quat(quaternions))
 
     def at(self, times: np.ndarray) -> Track:
-        """The same at other times: linear and slerp between, as at the ends beyond them."""
+        """Return the track at other times: linear and slerp between its poses, constant beyond its ends."""
         if len(self.times) == 1:
             here = np.zeros(len(times), dtype=int)
             return Track(times, self.positions[here], self.turns[here])
@@ -46,17 +47,17 @@ class Track:
         return Track(times, positions, Slerp(self.times, self.turns)(within))
 
     def after(self, inner: Track) -> Track:
-        """Poses `inner` in the axes of these, which are of the same times."""
+        """Return poses `inner`, given in the axes of this track at the same times, in this track's parent."""
         return Track(self.times, self.positions + self.turns.apply(inner.positions), self.turns * inner.turns)
 
     def inverse(self) -> Track:
-        """Where the axes are that these poses are given in."""
+        """Return the inverse poses: those of the parent in these axes."""
         turns = self.turns.inv()
         return Track(self.times, -turns.apply(self.positions), turns)
 
 
 class Transforms:
-    """The tree of frames of a bag. Raises ValueError for what is no transform."""
+    """The tree of frames of a bag. Raises ValueError for an invalid transform."""
 
     def __init__(self, bag: Topics):
         rows: dict[str, dict[int, Sequence[float]]] = {}
@@ -71,9 +72,10 @@ class Transforms:
         self._tracks = {child: Track.of(found, f"transform '{child}'") for child, found in rows.items()}
 
     def place(self, frame: str, ours: str, times: np.ndarray) -> tuple[np.ndarray, Track]:
-        """At which of `times` (T,) [ns] it is known where a frame is in `ours`, as booleans (T,), and where it is then.
+        """Return a mask (T,) of the `times` [ns] at which the pose of `frame` in `ours` is known, and its track at
+        these.
 
-        An empty frame is ours. Raises ValueError where no transforms lead from one to the other.
+        An empty frame is ours. Raises ValueError if no transforms connect the two.
         """
         up, down = self._chain(frame or ours), self._chain(ours)
         shared = next((each for each in up if each in down), None)
@@ -90,14 +92,14 @@ class Transforms:
         return known, self._climbed(down, times[known]).inverse().after(self._climbed(up, times[known]))
 
     def _chain(self, frame: str) -> list[str]:
-        """A frame and those that it is in, up to the root."""
+        """Return a frame and its ancestors, up to the root."""
         found = [frame]
         while self._parents.get(found[-1], frame) not in found:
             found.append(self._parents[found[-1]])
         return found
 
     def _climbed(self, children: list[str], times: np.ndarray) -> Track:
-        """Where the first of these frames is in the parent of the last."""
+        """Return the poses of the first of these frames in the parent of the last."""
         found = Track(times, np.zeros((len(times), 3)), Rotation.identity(len(times)))
         for child in children:
             found = self._tracks[child].at(times).after(found)
@@ -110,11 +112,11 @@ class Transforms:
 
 
 def nanoseconds(header: Any) -> int:
-    """The stamp of a std_msgs/Header."""
+    """Return the stamp of a std_msgs/Header [ns]."""
     return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
 
 
 def numbers(position: Any, orientation: Any) -> tuple[float, ...]:
-    """Fields x y z and x y z w of messages."""
+    """Return the fields x y z and x y z w of messages."""
     p, q = position, orientation
     return p.x, p.y, p.z, q.x, q.y, q.z, q.w
