@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speed against error: references in float64, closed forms, cases, sweeps and figures. Never imports rclpy."""
+"""Study of speed against error: float64 references, closed forms, cases, sweeps and figures, without rclpy."""

@@ -24,7 +24,7 @@ COMMANDS = {
 
 
 def main() -> int:
-    """Parse the command line and run its command; returns the exit status."""
+    """Parse the command line and run its command; return the exit status."""
     try:
         modules = {name: importlib.import_module(f"cloth_sim_ros.study.{file}") for name, (file, _) in COMMANDS.items()}
     except ModuleNotFoundError as error:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a case of the study is: a body, how long, how near, and its exact springs."""
+"""A case of the study: a body, its duration, its tolerance, and its exact springs."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ FRAME_DT = 1 / 60
 
 @dataclass(frozen=True)
 class Case:
-    """`body`(resolution, constant [N/m]) -> a cloth or rope with pins as indices; `frames` of 1/60 s; target error [m].
+    """A body to simulate for `frames` of 1/60 s, and the error [m] to reach.
 
-    resolution: usual particles along each side of a sheet, segments of a chain; constant [N/m]: usual, of a spring.
+    body: a function of resolution and spring constant [N/m] that makes a cloth or rope, with pins as indices.
+    resolution: the default number of particles along each side of a sheet, or of segments of a chain. constant [N/m]:
+    the default constant of a spring.
     """
 
     name: str
@@ -37,27 +39,29 @@ class Case:
 
     @property
     def springs_alone(self) -> bool:
-        """Whether nothing but springs and weight acts: what the classic methods in NumPy can do."""
+        """True if only springs and weight act, which is all that the classic methods in NumPy can do."""
         return not self.colliders and not self.bends
 
     @property
     def bends(self) -> bool:
-        """Whether the body resists bending."""
+        """True if the body resists bending."""
         return self.body(2, self.constant).bend_compliance is not None
 
     @property
     def is_rope(self) -> bool:
-        """Whether the body is a rope."""
+        """True if the body is a rope."""
         return isinstance(self.body(2, self.constant), Rope)
 
     def title(self, resolution: int, constant: float) -> str:
-        """One line for tables and figures."""
+        """Return one line for tables and figures."""
         count = f"{resolution} segments" if self.is_rope else f"{resolution} x {resolution}"
         return f"{self.text}, {self.frames * FRAME_DT:g} s, {count}, {constant:g} N/m"
 
     def lasting(self, seconds: float) -> Case:
-        """The same for so long [s]. Raises ValueError where less than a frame is left or a closed form lasts as it
-        does."""
+        """Return the case with another duration [s].
+
+        Raises ValueError if it is shorter than a frame, or differs from that of a closed form.
+        """
         frames = round(seconds / FRAME_DT)
         if frames < 1:
             raise ValueError(f"--seconds is {seconds:g}; allowed is at least a frame, {FRAME_DT:.4f} s")
@@ -69,12 +73,12 @@ class Case:
     def simulation(
         self, resolution: int, constant: float, settings: Settings, device: str, worlds: int = 1
     ) -> Simulation:
-        """The product's simulation of the case at its start."""
+        """Return the product's simulation of the case at its start."""
         scene = Scene(objects={BODY: self.body(resolution, constant)}, colliders=self.colliders)
         return Simulation(scene, settings, device=device, worlds=worlds)
 
     def system(self, resolution: int, constant: float) -> tuple[SpringSystem, np.ndarray]:
-        """The same masses and springs in float64, and the positions (N, 3) [m] that they start from, at rest."""
+        """Return the same masses and springs in float64, and their first positions (N, 3) [m], at rest."""
         body = self.body(resolution, constant)
         sim = Simulation(Scene(objects={BODY: body}), Settings(method="xpbd", order=1, substeps=20), device="cpu")
         more = {"damping": body.damping, "bending": _bending(body) if isinstance(body, Rope) else None}
@@ -83,9 +87,11 @@ class Case:
 
 
 def _bending(rope: Rope) -> sparse.csr_array | None:
-    """The stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, Hencky's chain (1920). t are the segments
-    over their rest lengths. a_i [m] is half of both segments at particle i, where a segment fixed at both ends is
-    none."""
+    """Return the stiffness (N, N) [N/m] of E = sum EI / (2 a_i) |t_i+1 - t_i|^2, Hencky's chain (1920).
+
+    t are the segments over their rest lengths. a_i [m] is half of both segments at particle i, without those fixed at
+    both ends.
+    """
     if rope.bend_compliance is None:
         return None
     length = np.linalg.norm(np.diff(rope.points, axis=0), axis=1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cases of the study as data: what to simulate, for how long, and what its exact springs are.
+"""Cases of the study as data: the bodies to simulate, their duration, and their exact springs.
 
 To add a case, add its row in CASES, and a function that builds its body if none of those here does.
 """

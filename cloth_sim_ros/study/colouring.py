@@ -7,7 +7,7 @@ import numpy as np
 
 
 def colour(particles: np.ndarray, count: int) -> np.ndarray:
-    """Colours (E,) so that no two elements of one colour share one of `count` particles.
+    """Return colours (E,) such that no two elements of one colour share one of `count` particles.
 
     Greedy by maximal independent sets: within a colour, the element of the highest random priority among its neighbours
     enters (Luby 1986), until none is left that could. The priorities are seeded: same input, same colours.

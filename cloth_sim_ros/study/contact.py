@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dry contact in float64, to judge the solver by: explicit steps, and what gets into a collider is put out of it.
+"""Dry contact in float64, to judge the solver by: explicit steps, then a projection out of colliders.
 
-In the limit of small steps this is a plastic impact (no rebound) with Coulomb's friction, first order in the step.
-Nothing here is shared with the solver that it judges.
+In the limit of small steps this is a plastic impact (no rebound) with Coulomb's friction, first order in the step. The
+code shares nothing with the solver that it judges.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Obstacle:
 
 
 def obstacle(collider: Plane | Sphere, body: Cloth | Rope) -> Obstacle:
-    """A resting collider as `body` meets it. Raises ValueError for a shape that the study lacks."""
+    """Return a resting collider as `body` meets it. Raises ValueError for a shape that the study lacks."""
     thickness = body.radius if isinstance(body, Rope) else body.thickness
     position = np.asarray(collider.position)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cases with contact: what lies on what, and the exact motion where it is known."""
+"""Cases with contact, and their exact motion if it is known."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LOADS = (0.1, 0.3)  # [kg] at its ends; the rope itself weighs next to nothing
 def sheet_over_ball(resolution: int, constant: float) -> Cloth:
     """A square sheet of 1 m and 0.2 kg that falls from level onto a ball of 0.3 m just below.
 
-    It is so thick that the ball cannot come between 16 x 16 particles: the reference has contact of particles alone.
+    It is so thick that the ball cannot come between 16 x 16 particles: the reference has contact of particles only.
     """
     return Cloth(
         resolution=(resolution, resolution),
@@ -59,7 +59,7 @@ def sliding_sheet(resolution: int, constant: float) -> Cloth:
 
 
 def sliding_frames(start: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Positions (F, N, 3) [m] at `times` [s] of what starts at rest on the slope: all of it slides alike."""
+    """Return positions (F, N, 3) [m] at `times` [s] of a body that slides down the slope from rest, as a whole."""
     a = contact.incline_acceleration(_SLOPE, 0.5, 0.3, GRAVITY)
     return start + 0.5 * a * (times**2)[:, None, None] * _DOWN
 
@@ -67,7 +67,7 @@ def sliding_frames(start: np.ndarray, times: np.ndarray) -> np.ndarray:
 def rope_over_drum(resolution: int, constant: float) -> Rope:
     """A rope over a drum with 0.1 kg at one end and 0.3 kg at the other, three times the friction's e^(mu pi) = 1.87.
 
-    Of the `resolution` segments a whole number lies on the drum, so that they start unstrained.
+    A whole number of the `resolution` segments lies on the drum, so that they start unstrained.
     """
     masses = np.full(resolution + 1, 1e-3 / resolution)
     masses[[0, -1]] = _LOADS

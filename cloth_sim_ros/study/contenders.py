@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who stands in the figure of error against time: the product's own methods, and the classic ones in NumPy.
+"""Contenders in the figure of error against time: the product's own methods, and the classic ones in NumPy.
 
 To add one, add its row to CONTENDERS: a label, a function from a run to its frames and times, and what it can do.
 """
@@ -22,8 +22,10 @@ from cloth_sim_ros.study.timing import frame_times
 
 @dataclass(frozen=True)
 class Run:
-    """One run to make: of a case at `resolution` with springs of `constant` [N/m] on `device`, in `worlds` copies at
-    once. What it gives is the motion of the first copy, and the time of all."""
+    """A run of a case at `resolution` with springs of `constant` [N/m] on `device`, in `worlds` copies at once.
+
+    Its result is the motion of the first copy, and the time of all.
+    """
 
     case: Case
     resolution: int
@@ -39,11 +41,11 @@ Simulate = Callable[[Run], tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Contender:
-    """`simulate` a run -> frames (F + 1, N, 3) [m], not finite from where it blew up, and milliseconds of every frame.
+    """A method in the study. `simulate` takes a run; returns frames (F + 1, N, 3) [m], and milliseconds of each.
 
-    iterations: the numbers of them to try in place of the command line's, (1,) where there are none. numpy: a reference
-    in NumPy, timed on one core of the host. own_limit: is not made of springs, knows sheets alone, and is judged by
-    what it converges to itself.
+    Frames are not finite from a blow-up on. iterations: the numbers of iterations to try instead of the command line's,
+    (1,) for a method without any. numpy: True for a reference in NumPy, timed on one core of the host. own_limit: True
+    for a model without springs, which simulates only sheets and is judged by its own converged motion.
     """
 
     label: str
@@ -53,7 +55,7 @@ class Contender:
     own_limit: bool = False
 
     def takes(self, case: Case, worlds: int = 1) -> bool:
-        """Whether it has a run to make of so many copies of `case`."""
+        """Return True if the method can run so many copies of `case`."""
         if self.numpy and worlds > 1:
             return False
         if self.own_limit:
@@ -66,7 +68,7 @@ ERROR = 1e-3  # wanted of `auto` where others take 20 substeps
 
 
 def product(**settings: object) -> Simulate:
-    """The product itself with some of its settings."""
+    """Return a function that simulates a run by the product with these settings."""
 
     def simulate(run: Run) -> tuple[np.ndarray, np.ndarray]:
         numbers = {"frame_dt": FRAME_DT, "substeps": run.substeps, "iterations": run.iterations}
@@ -85,7 +87,7 @@ def product(**settings: object) -> Simulate:
 
 
 def where_stable(simulate: Simulate) -> Simulate:
-    """`simulate`, or frames that are not finite where the product refuses explicit steps as unstable or lacking."""
+    """Return `simulate`, with frames of NaN if the product refuses explicit steps as unstable or lacking."""
 
     def attempt(run: Run) -> tuple[np.ndarray, np.ndarray]:
         try:
@@ -99,7 +101,7 @@ def where_stable(simulate: Simulate) -> Simulate:
 
 
 def classic(make: Callable[[SpringSystem, int], motion.Step]) -> Simulate:
-    """A step in NumPy made for a system and a number of iterations."""
+    """Return a function that simulates by steps in NumPy, made for a system and a number of iterations."""
 
     def simulate(run: Run) -> tuple[np.ndarray, np.ndarray]:
         system, x = run.case.system(run.resolution, run.constant)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion that a scene's settings converge to, with how well it is known and where chaos ends the comparison."""
+"""The converged motion of a scene's settings, with its uncertainty, and where chaos ends the comparison."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHARE = {1: 1.0, 2: 1.0 / 3.0}  # order -> error of a run over its distance from
 
 @dataclass(frozen=True)
 class Trial:
-    """`frames` frames of a scene, its colliders in `moves` taken by those vectors [m], gently, from where they are."""
+    """`frames` frames of a scene whose colliders in `moves` move smoothly from their start by those vectors [m]."""
 
     plan: Plan
     frames: int
@@ -36,9 +36,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Converged:
-    """frames (F + 1, N, 3) [m] of all objects behind one another, of which `trusted` count, by XPBD of `order`.
+    """Frames (F + 1, N, 3) [m] of all objects one after another, by XPBD of `order`; the first `trusted` count.
 
-    uncertainty [m]: their RMS error, estimated; apart [m]: RMS distance of the finest runs of both orders; moved [m]:
+    uncertainty [m]: their estimated RMS error; apart [m]: RMS distance of the finest runs of both orders; moved [m]:
     RMS distance from the start.
     """
 
@@ -53,15 +53,16 @@ class Converged:
 
     @property
     def chaotic(self) -> bool:
-        """Whether a part of the frames cannot be judged."""
+        """True if some of the frames cannot be judged."""
         return self.trusted < len(self.frames)
 
 
 def converge(trial: Trial, error: float) -> Converged:
-    """Runs of both orders, each of twice the substeps and iterations, until one order is known to error / 10 [m].
+    """Double substeps and iterations of both orders until one order is known to error / 10 [m].
 
-    A run's error is taken for SHARE of the larger of its last change and half of the one before. One small change can
-    be chance where contacts open and close. The order that is known better is what the scene is judged by.
+    The error of a run is SHARE times the larger of its last change and half of the one before, as one small change can
+    be chance if contacts open and close. The order that is known better judges the scene. The search ends at
+    MOST_SWEEPS.
     """
     substeps, iterations = 40, 2
     runs = {order: [_fine(trial, order, substeps, iterations)] for order in SHARE}
@@ -83,13 +84,16 @@ def converge(trial: Trial, error: float) -> Converged:
 
 
 def _change(runs: list[np.ndarray], count: int) -> float:
-    """The larger of the last change [m] between `runs` and half of the one before, over `count` frames."""
+    """Return the larger of the last change [m] between `runs` and half of the one before, over `count` frames."""
     before, last = (norms.rms(runs[k][1:count] - runs[k - 1][1:count]) for k in (-2, -1))
     return max(last, 0.5 * before)
 
 
 def frames_of(trial: Trial, settings: Settings, count: int, beside: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (count + 1, N, 3) [m] of all objects and milliseconds of every frame; `beside` starts 1e-6 m away."""
+    """Return positions (count + 1, N, 3) [m] of all objects, and milliseconds of every frame.
+
+    beside: True to start 1e-6 m away.
+    """
     sim = Simulation(trial.plan.scene, settings, device=trial.plan.device)
     sim.step(2)  # compiles
     sim.reset()

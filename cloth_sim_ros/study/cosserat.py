@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A solver for cosseratbench, a benchmark of ropes, cables and rods by others, which finds it as `cloth_sim`.
+"""A solver for cosseratbench, a third-party benchmark of ropes, cables and rods, which finds it as `cloth_sim`.
 
 It comes with `pip install cloth_sim_ros[cosserat]`. A rod becomes a Rope that is straight at rest, with a particle at
 each node. A clamp of the product is two held particles, so a clamped end has one more particle behind it. A handle
-holds a driven end. A load is a soft handle far away. Where the answer is an equilibrium, the slowest mode is damped
+holds a driven end. A load is a soft handle far away. If the answer is an equilibrium, the slowest mode is damped
 critically, as in the benchmark's own solvers.
 """
 
@@ -30,7 +30,7 @@ _FOLLOWS = 0.05  # share of what a sliding end lacks of its load, that the next 
 
 
 class Solver:
-    """Ropes of cloth_sim_ros in cosseratbench; a `time_step_scale` acts by way of the wanted error of second order."""
+    """Ropes of cloth_sim_ros in cosseratbench; the wanted error grows with `time_step_scale` squared (second order)."""
 
     name = "cloth_sim"
     backend_version = version("cloth_sim_ros")
@@ -40,7 +40,7 @@ class Solver:
         self._scale = time_step_scale**2
 
     def settings(self, scenario: Scenario, *, n_elements: int, n_frames: int) -> dict[str, float]:
-        """Numbers that the benchmark shows beside the results."""
+        """Return numbers that the benchmark shows beside the results."""
         chosen = self._settings(scenario, n_frames)
         return {"error": chosen.error, "frame_dt": chosen.frame_dt, "global_damping": chosen.global_damping}
 
@@ -100,11 +100,11 @@ class _Rod:
 
     @property
     def _twists(self) -> bool:
-        """Whether both ends are clamped. The twist of others runs out of their ends."""
+        """True if both ends are clamped. Otherwise twist runs out at a free end."""
         return all(len(end.behind) for end in self.ends)
 
     def rope(self, friction: float, self_contact: bool) -> Rope:
-        """The rope: straight at rest, along x."""
+        """Return the rope: straight at rest, along x."""
         rod, material, count = self._rod, self._rod.material, len(self._positions)
         points = self._positions[:1] + np.outer(np.concatenate([[0.0], np.cumsum(self._lengths)]), (1.0, 0.0, 0.0))
         masses = np.full(count, material.density * rod.area * rod.length / (self._nodes.stop - self._nodes.start - 1))
@@ -127,25 +127,26 @@ class _Rod:
         )
 
     def begin(self, sim: Simulation) -> None:
-        """Take the rope where it starts, and let handles grasp it."""
+        """Put the rope at its start, and let handles grasp it."""
         sim.set_positions(self.name, self._positions)
         for end in self.ends:
             end.begin(sim)
 
     def move(self, sim: Simulation, time: float) -> None:
-        """Ask driven ends to be, at `time` [s], where they are then."""
+        """Move driven ends to their poses at `time` [s]."""
         for end in self.ends:
             end.move(sim, time)
 
     def nodes(self, sim: Simulation) -> np.ndarray:
-        """Nodes (N, 3) [m]."""
+        """Return the nodes (N, 3) [m]."""
         return sim.positions(self.name).astype(np.float64)[self._nodes]
 
     def directors(self, times: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-        """Directors (F, N - 1, 3) of rods `nodes` (F, N, 3) [m] at `times` (F,) [s].
+        """Return directors (F, N - 1, 3) of rods `nodes` (F, N, 3) [m] at `times` (F,) [s].
 
-        That of the start goes with its clamp, or with as little turn as can be. Parallel transport carries it along the
-        rod. The twist between two clamps is even, and what lacks to the director of the end.
+        The first director turns with its clamp or, at a free start, by parallel transport over time. Parallel transport
+        also carries it along the rod. Between two clamps an even twist is added, so that the last director meets that
+        of the end.
         """
         start, end = self.ends
         tangents = np.diff(nodes, axis=1)
@@ -168,14 +169,14 @@ class _Rod:
 
 
 def _carried(vector: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Unit vectors across tangents `before` (..., 3), turned as these turn to `after`: parallel transport."""
+    """Return unit vectors across tangents `before` (..., 3), parallel-transported to tangents `after`."""
     axis, cosine = np.cross(before, after), np.sum(before * after, axis=-1, keepdims=True)
     along = np.sum(axis * vector, axis=-1, keepdims=True)
     return cosine * vector + np.cross(axis, vector) + along / (1.0 + cosine) * axis
 
 
 class _End:
-    """An end of a rod: a particle behind it where it is clamped, and a handle where it is driven or pulled."""
+    """An end of a rod: a particle behind it if it is clamped, and a handle if it is driven or pulled."""
 
     def __init__(self, of: str, rod: given.Rod, end: End, count: int) -> None:
         way = 1 if end is End.START else -1
@@ -197,18 +198,18 @@ class _End:
             self.handle = Handle(tuple(self._place), reach=_REACH * element, compliance=compliance, object=of)
 
     def begin(self, sim: Simulation) -> None:
-        """Let the handle grasp. One that pulls goes as far away as its load takes."""
+        """Let the handle grasp. A handle that pulls goes so far away that its spring exerts the load."""
         if self.handle is not None:
             sim.attach(self.name)
         if self.handle is not None and self.motion is None:
             sim.set_handle_pose(self.name, self._place + self.handle.compliance * self._load)
 
     def turn(self, time: float) -> np.ndarray:
-        """Rotation matrix (3, 3) of the end since the start."""
+        """Return the rotation matrix (3, 3) of the end since the start."""
         return np.eye(3) if self.motion is None else self.motion.pose(time)[1]
 
     def move(self, sim: Simulation, time: float) -> None:
-        """Ask a driven end to be, at `time` [s], where it is then. One that slides follows the force on it."""
+        """Move a driven end to its pose at `time` [s]. An end that slides follows the force on it."""
         if self.motion is None:
             return
         displacement, turn = self.motion.pose(time)[0], self.turn(time)
@@ -221,9 +222,10 @@ class _End:
 
 
 def _friction(scenario: Scenario) -> tuple[float, float]:
-    """Coefficients of all rods: in the benchmark, and of their ropes, which is that of the roughest obstacle for none.
+    """Return the friction of all rods in the benchmark, and that of their ropes.
 
-    A pair has the larger one there, and the geometric mean here. Raises NotImplementedError where they cannot agree.
+    A pair has the larger coefficient there, and the geometric mean here. Ropes of frictionless rods get that of the
+    roughest obstacle. Raises NotImplementedError if the two rules cannot agree.
     """
     own = {rod.friction for rod in scenario.rods}
     if len(own) > 1:
@@ -235,7 +237,7 @@ def _friction(scenario: Scenario) -> tuple[float, float]:
 
 
 def _collider(obstacle: given.Obstacle, own: float, rub: float) -> Plane | Capsule:
-    """An obstacle beside rods with the friction `own` and ropes with `rub`."""
+    """Return the collider of an obstacle, for rods with the friction `own` and ropes with `rub`."""
     friction = max(obstacle.friction, own) ** 2 / rub if rub else 0.0
     rubs = {"static_friction": friction, "kinetic_friction": friction}
     if isinstance(obstacle, given.Plane):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much longer than in equilibrium a hung sheet gets by XPBD, over substeps, iterations and resolution."""
+"""Excess elongation of a hung sheet by XPBD over equilibrium, by substeps, iterations and resolution."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FINE = {"substeps": 80, "iterations": 4, "order": 1}  # from where the minimum 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print a row a resolution, by the arguments of `error`; returns the exit status."""
+    """Print a row for each resolution, by the arguments of `error`; return the exit status."""
     pairs = [(s, i) for s in arguments.substeps for i in arguments.iterations if s * i <= arguments.sweeps]
     print(f"{'mean strain over that of the equilibrium':<16}" + "".join(f"{f'{s} x {i}':>10}" for s, i in pairs))
     constant, seconds = arguments.constant or _CONSTANT, arguments.seconds or _SECONDS
@@ -54,7 +54,7 @@ def _print_row(label: str, shares: list[float]) -> None:
 
 
 def _lasting_strain(sim: Simulation, frames: np.ndarray) -> float:
-    """The mean strain [-] over the last quarter of frames (F, N, 3) [m], as a peer may still swing then."""
+    """Return the mean strain [-] over the last quarter of frames (F, N, 3) [m], as a peer may still swing then."""
     return float(np.mean([mean_strain(sim, x) for x in frames[-len(frames) // 4 :]]))
 
 
@@ -76,13 +76,13 @@ def _at_rest(scene: Scene, settings: dict, seconds: float, device: str) -> tuple
 
 
 def mean_strain(sim: Simulation, x: np.ndarray) -> float:
-    """The mean strain [-] of the structural springs at positions x (N, 3) [m]."""
+    """Return the mean strain [-] of the structural springs at positions x (N, 3) [m]."""
     pairs, rest, _ = sim.springs(BODY)["structural"]
     return float((np.linalg.norm(x[pairs[:, 1]] - x[pairs[:, 0]], axis=1) / rest - 1.0).mean())
 
 
 def equilibrium(sim: Simulation, start: np.ndarray) -> tuple[Simulation, np.ndarray]:
-    """Where the energy of the springs that `sim` reports, and of their weight, is least near `start` (N, 3) [m]."""
+    """Return `sim`, and the positions (N, 3) [m] near `start` of least energy of its springs and weight."""
     parts = list(sim.springs(BODY).values())
     pairs, rest, constant = (np.concatenate([part[k] for part in parts]) for k in range(3))
     masses, count = sim.masses(BODY), len(start)

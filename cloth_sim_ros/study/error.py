@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`error`: how far each method is from the exact motion of a case at every setting, and what it costs."""
+"""`error`: the error of each method against the exact motion of a case at every setting, and its cost."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ CLOSE = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line of `python -m cloth_sim_ros.study error`."""
+    """Add the options of `python -m cloth_sim_ros.study error`."""
     parser.add_argument("--case", choices=[*CASES, "all", "elongation"], default="clamped_sheet")
     parser.add_argument("--resolution", type=int, help="particles along a side, segments of a chain")
     parser.add_argument("--constant", type=float, help="spring constant [N/m]")
@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def peers_on(device: str, worlds: int = 1) -> list[Contender]:
-    """The peers that can run so many copies on `device`, and on standard error why the others cannot."""
+    """Return the peers that can run so many copies on `device`; print to standard error why the others cannot."""
     chosen = wp.get_device(None if device == "auto" else device).alias
     found = []
     for peer in (*PEERS, *OTHER_MODELS):
@@ -78,7 +78,7 @@ def peers_on(device: str, worlds: int = 1) -> list[Contender]:
 
 
 def judge(case: Case, arguments: argparse.Namespace) -> None:
-    """One case: its table, JSON and figures."""
+    """Sweep one case; write its table, JSON and figures."""
     resolution, constant = arguments.resolution or case.resolution, arguments.constant or case.constant
     title = case.title(resolution, constant) + f", {arguments.worlds} worlds" * (arguments.worlds > 1)
     print(f"computing the exact motion of: {title}", file=sys.stderr, flush=True)
@@ -98,7 +98,7 @@ def judge(case: Case, arguments: argparse.Namespace) -> None:
 
 
 def sweep(case: Case, exact: Reference, resolution: int, constant: float, arguments: argparse.Namespace) -> list[dict]:
-    """One row for every contender, number of substeps and of iterations."""
+    """Return one row for every contender, number of substeps and number of iterations."""
     rows, again = [], []
     for contender in arguments.contenders:
         if not contender.takes(case, arguments.worlds):
@@ -126,9 +126,9 @@ def sweep(case: Case, exact: Reference, resolution: int, constant: float, argume
 
 
 def time_in_turns(runs: list[tuple[dict, Contender, Run]]) -> None:
-    """Time again what prices name or nearly do: each round all of it, one after another; of each the fastest counts.
+    """Time the runs in `close_to_prices` again in rounds, one after another; set each to its fastest time.
 
-    Timed once, minutes apart, they would be compared with what else the machine did meanwhile.
+    Single timings minutes apart would compare other loads of the machine.
     """
     for left in range(ROUNDS, 0, -1):
         show(f"timing in turns: {left}")
@@ -141,14 +141,14 @@ def time_in_turns(runs: list[tuple[dict, Contender, Run]]) -> None:
 
 
 def quantiles(times: np.ndarray) -> tuple[float, float]:
-    """Median and 95th percentile."""
+    """Return the median and the 95th percentile."""
     return float(np.median(times)), float(np.percentile(times, 95))
 
 
 def own_limit(
     contender: Contender, case: Case, resolution: int, constant: float, arguments: argparse.Namespace
 ) -> Limit:
-    """What a contender of another model converges to with the most of its iterations."""
+    """Return the converged motion of a contender of another model, with the most of its iterations."""
     print(f"computing what it converges to: {contender.label}", file=sys.stderr, flush=True)
     iterations = max(contender.iterations or arguments.iterations)
     return limit(
@@ -159,7 +159,7 @@ def own_limit(
 
 
 def measure(contender: Contender, wanted: Run, exact: Reference) -> dict:
-    """Error and time of one run."""
+    """Return the row of one run: its error and time."""
     frames, times = contender.simulate(wanted)
     ms, p95 = quantiles(times)
     found = norms.error(exact.system, frames[: exact.trusted], exact.frames[: exact.trusted])
@@ -178,7 +178,7 @@ def measure(contender: Contender, wanted: Run, exact: Reference) -> dict:
 
 
 def mark_front(rows: list[dict]) -> None:
-    """Set "front" in every row: whether nothing is both as fast and nearer."""
+    """Set "front" in every row: True if the run is usable and no other is at least as fast and more exact."""
     for row in rows:
         row["front"] = usable(row) and not any(
             other["ms"] <= row["ms"] and other["position"] < row["position"] for other in rows if other is not row
@@ -186,7 +186,7 @@ def mark_front(rows: list[dict]) -> None:
 
 
 def table(rows: list[dict]) -> str:
-    """The rows by time; a star marks the Pareto front: nothing is both faster and nearer."""
+    """Return the rows by time; a star marks the Pareto front."""
     lines = [
         f"  {'method':<31} {'substeps':>8} {'iterations':>10} {'ms':>9} {'p95':>9} {'error [m]':>10}"
         + "".join(f" {heading:>9}" for key, heading in EXACT if key in rows[0])
@@ -212,13 +212,13 @@ def table(rows: list[dict]) -> str:
 
 
 def good_enough(rows: list[dict], kind: str, level: float) -> list[dict]:
-    """The runs whose error of a kind of LEVELS is at most `level`, the cheapest first."""
+    """Return the runs whose error of a kind of LEVELS is at most `level`, the cheapest first."""
     good = [row for row in rows if usable(row) and row[kind] <= level]
     return sorted(good, key=lambda row: row["ms"])
 
 
 def cheapest(rows: list[dict]) -> dict[str, dict]:
-    """The first of every method in `rows`, by method."""
+    """Return method -> the first of its rows."""
     best: dict[str, dict] = {}
     for row in rows:
         best.setdefault(row["method"], row)
@@ -226,7 +226,7 @@ def cheapest(rows: list[dict]) -> dict[str, dict]:
 
 
 def close_to_prices(rows: list[dict]) -> list[dict]:
-    """All runs that `prices` names, and those of the same method that take no more than CLOSE times as long."""
+    """Return the runs that `prices` names, and those of the same method that take no more than CLOSE times as long."""
     found = []
     for kind, levels in LEVELS.items():
         for level in levels:
@@ -237,7 +237,7 @@ def close_to_prices(rows: list[dict]) -> list[dict]:
 
 
 def prices(rows: list[dict]) -> str:
-    """For each level of error the cheapest run that keeps it, and the cheapest of every other method."""
+    """Return, for each level of error, the cheapest run that keeps it, and the cheapest of every other method."""
     lines = []
     for kind, levels in LEVELS.items():
         for level in levels:
@@ -250,5 +250,5 @@ def prices(rows: list[dict]) -> str:
 
 
 def finite(row: dict) -> dict:
-    """`row` for JSON, which has no infinity."""
+    """Return `row` for JSON, which has no infinity."""
     return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}

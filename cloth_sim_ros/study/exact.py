@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The exact motion of a case, with the guard against chaos, kept on disk since it takes longer than what it judges."""
+"""The exact motion of a case, with a guard against chaos, cached on disk as it takes longer than the runs it judges."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CONTACT_SUBSTEPS = 1000  # least of a frame for the coarser of two runs with con
 
 @dataclass(frozen=True)
 class Reference:
-    """The system, its exact frames (F + 1, N, 3) [m], and how many leading ones chaos leaves to judge by."""
+    """A system, its exact frames (F + 1, N, 3) [m], and the number of leading frames that chaos leaves usable."""
 
     system: SpringSystem
     frames: np.ndarray
@@ -28,10 +28,10 @@ class Reference:
 
 
 def reference(case: Case, resolution: int, constant: float) -> Reference:
-    """The exact motion of a case: in closed form where that is known; else computed once, then read from the cache.
+    """Return the exact motion of a case: its closed form if known, else computed once and cached.
 
-    To a thousandth of the case's tolerance without contact. Contact is first order in the step: the frames count up to
-    where the run with half the step is a tenth of the tolerance away.
+    Without contact it is exact to a thousandth of the case's tolerance. Contact is first order in the step: frames
+    count until the run with half the step is a tenth of the tolerance away.
     """
     system, start = case.system(resolution, constant)
     if case.closed is not None:
@@ -65,7 +65,7 @@ def _cache() -> Path:
 
 
 def _digest(system: SpringSystem, start: np.ndarray, case: Case) -> str:
-    """A name that changes with anything that the motion depends on."""
+    """Return a name that changes with anything that the motion depends on."""
     numbers = (system.masses, system.fixed, system.pairs, system.rest_length, system.constant, start)
     scalars = (
         system.damping,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each feature of a scene costs: the same cloth with it and without it, taking turns in one run."""
+"""Cost of each feature of a scene: the same cloth with it and without it, taking turns in one run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHAPES = {
 
 
 def variants(cloth: Cloth) -> dict[str, tuple[Scene, dict, str]]:
-    """Name -> (scene, settings, name of what it is held against) of a plain `cloth` with springs of all kinds."""
+    """Return name -> (scene, settings, name of the variant to compare with); `cloth` has springs of all kinds."""
     plain = Scene({"cloth": cloth})
     bare = dataclasses.replace(cloth, shear_compliance=None, bend_compliance=None)
     found = {
@@ -59,10 +59,10 @@ def hanging_cloth(resolution: int, constant: float = 1e3) -> Cloth:
 
 
 def measure(resolution: int, device: str, rounds: int) -> list[dict]:
-    """A row a variant: quartiles of ms a frame, and of the difference to what it is held against, in turns.
+    """Return a row for each variant: quartiles of ms a frame, and of the difference to the variant it is compared with.
 
-    All run one launch a frame, so that differences are those of the feature alone. The plain cloth is there twice: its
-    own difference is the noise.
+    Variants take turns. All run one launch a frame, so that differences are those of the feature alone. The plain cloth
+    is there twice: its own difference is the noise.
     """
     chosen = variants(hanging_cloth(resolution))
     plain = {"method": "xpbd", "order": 1, "substeps": 20, "iterations": 1}
@@ -87,7 +87,7 @@ def measure(resolution: int, device: str, rounds: int) -> list[dict]:
 
 
 def table(rows: list[dict]) -> str:
-    """The rows as text; the first is the plain cloth against itself, which is the noise."""
+    """Return the rows as text; the first is the plain cloth against itself, which is the noise."""
     lines = [f"{'feature':<26}  {'ms a frame':>10}  {'more, and its quartiles':>32}"]
     for row in rows:
         cost = row["cost"]

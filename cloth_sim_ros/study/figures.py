@@ -16,17 +16,17 @@ MARKERS = "osD^vP*X"
 
 
 def usable(row: dict) -> bool:
-    """Whether a run can be drawn: it neither blew up nor missed by more than the motion itself."""
+    """Return True if a run can be drawn: it did not blow up, and its error is below the motion itself."""
     return bool(np.isfinite(row["position"])) and row.get("relative", 0.0) < 1.0
 
 
 def draw_error(
     rows: list[dict], title: str, path: Path, wanted: float | None = None, budget: float | None = None
 ) -> None:
-    """Error against time with the Pareto front and p95 whiskers, beside it error against substeps with fitted orders.
+    """Draw error against time with the Pareto front and p95 whiskers, and error against substeps with fitted orders.
 
-    A colour for each method, a marker for each number of iterations, open ones for methods in NumPy. Dotted lines: a
-    wanted error [m] and a budget [ms].
+    A colour stands for each method, a marker for each number of iterations, an open marker for methods in NumPy. Dotted
+    lines are a wanted error [m] and a budget [ms].
     """
     figure = Figure(figsize=(13, 6.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -66,7 +66,7 @@ def draw_error(
 
 
 def save_png(figure: Figure, path: Path) -> None:
-    """`figure` as a PNG of 256 colours, a third of the size that matplotlib writes."""
+    """Save `figure` as a PNG of 256 colours, a third of the size that matplotlib writes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=105)
     picture = Image.open(buffer).convert("RGB")
@@ -97,5 +97,5 @@ def _order(curve: list[dict]) -> float:
 
 
 def fitted_order(substeps: np.ndarray, error: np.ndarray) -> float:
-    """The slope of the error over the last three step sizes, in logarithms."""
+    """Return the slope of the error over the last three step sizes, in logarithms."""
     return float(-np.polyfit(np.log(substeps[-3:]), np.log(error[-3:]), 1)[0])

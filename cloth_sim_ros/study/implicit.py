@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Converged implicit Euler and static equilibrium of a SpringSystem, by sparse Newton with a line search.
 
-Implicit Euler's step is what first-order XPBD tends to with its iterations, so the difference of the two is what the
-iterations leave behind (Macklin, Mueller, Chentanez 2016).
+First-order XPBD converges to the step of implicit Euler with its iterations. The difference of the two is thus the
+error of the iterations (Macklin, Mueller, Chentanez 2016).
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _ROUNDING = 1e-6  # of the weight of a particle, a force that is as good as none
 def implicit_step(
     system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float, tolerance: float = 1e-12
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities after a step h [s]: M (x' - x - h v) / h^2 = f(x'), v' = (x' - x) / h.
+    """Return positions and velocities after a step h [s]: M (x' - x - h v) / h^2 = f(x'), v' = (x' - x) / h.
 
     A dashpot resists tau k (l' - l) / h, the rate at which its spring's length l really changed, so that a rotation is
-    never damped at any step. Converged when a Newton step moves no particle by more than `tolerance` [m].
+    never damped at any step. The step has converged if Newton moves no particle by more than `tolerance` [m].
     """
     before = system.lengths(x)[0]
     weight = np.asarray(system.gravity)
@@ -56,10 +56,10 @@ def implicit_step(
 
 
 def equilibrium(system: SpringSystem, x: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
-    """Positions (N, 3) at rest near x, where all forces on free particles vanish.
+    """Return positions (N, 3) at rest near x, where all forces on free particles vanish.
 
     Implicit steps of growing length from rest settle the system, as each of them dissipates; the last is so long that
-    inertia is lost in rounding. Raises ArithmeticError where there is no rest to be found.
+    inertia is lost in rounding. Raises ArithmeticError if there is no rest to be found.
     """
     x = np.array(x, dtype=np.float64)
     for h in np.geomspace(1e-2, 1e6, 40):
@@ -75,11 +75,12 @@ def _newton(
     x: np.ndarray,
     tolerance: float,
 ) -> np.ndarray:
-    """The root of `residual` over the free particles from x on.
+    """Return the root of `residual` over the free particles, by Newton's method from x.
 
-    A Newton step that lessens the residual is taken; else one with the clamped matrix, which is always downhill, halved
-    until the potential falls. Ends when a step would move no particle by more than `tolerance` [m], or where rounding
-    hides whether the potential falls.
+    A Newton step that halves the residual is taken. Otherwise the direction comes from the clamped matrix, which is
+    always downhill, halved until the potential falls. The method ends if a step would move no particle by more than
+    `tolerance` [m], or if rounding hides a fall of the potential. Raises ArithmeticError if it stalls or does not
+    converge.
     """
     free = np.flatnonzero(np.repeat(~system.fixed, 3))
 

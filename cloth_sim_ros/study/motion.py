@@ -46,7 +46,7 @@ def runge_kutta_4(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) 
 def frames_by(
     step: Step, system: SpringSystem, x: np.ndarray, v: np.ndarray, frame_dt: float, frames: int, substeps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (frames + 1, N, 3) under `substeps` calls of `step` a frame."""
+    """Return positions and velocities (frames + 1, N, 3) under `substeps` calls of `step` a frame."""
     x, v = np.array(x, dtype=np.float64), np.array(v, dtype=np.float64)
     v[system.fixed] = 0.0
     positions, velocities = [x], [v]
@@ -59,7 +59,7 @@ def frames_by(
 
 
 def stable_substeps(system: SpringSystem, frame_dt: float) -> int:
-    """Substeps a frame with which runge_kutta_4 is stable: w h < 2.7, and tau w^2 h < 2.7 where there are dashpots."""
+    """Return the substeps a frame with which runge_kutta_4 is stable: w h < 2.7, and tau w^2 h < 2.7 with dashpots."""
     fastest = system.fastest()
     rate = max(fastest, system.damping * fastest**2, system.global_damping)
     return max(1, int(np.ceil(frame_dt * rate / 2.7)))
@@ -68,10 +68,10 @@ def stable_substeps(system: SpringSystem, frame_dt: float) -> int:
 def exact_frames(
     system: SpringSystem, x: np.ndarray, v: np.ndarray, frame_dt: float, frames: int, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The exact motion: positions and velocities (frames + 1, N, 3) to better than `tolerance` / 100 [m].
+    """Return the exact motion: positions and velocities (frames + 1, N, 3) to better than `tolerance` / 100 [m].
 
-    By runge_kutta_4. Substeps are doubled until the positions change by less than tolerance / 100; the finer run is
-    returned. Raises ArithmeticError when six halvings were not enough, as in a chaotic motion.
+    The method is runge_kutta_4. Substeps are doubled until the positions change by less than tolerance / 100; the finer
+    run is returned. Raises ArithmeticError if six halvings were not enough, as in a chaotic motion.
     """
     substeps = stable_substeps(system, frame_dt)
     coarse = frames_by(runge_kutta_4, system, x, v, frame_dt, frames, substeps)

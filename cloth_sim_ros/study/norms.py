@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a run is from its reference: the norms that every table and figure uses.
+"""Norms of the distance of a run from its reference, for every table and figure.
 
 Runs are frames of positions (F, N, 3) [m] sampled at the same times, the start first.
 """
@@ -24,13 +24,12 @@ class Error:
 
 
 def rms(vectors: np.ndarray) -> float:
-    """Root of the mean squared length of the vectors (..., 3)."""
+    """Return the root of the mean squared length of the vectors (..., 3)."""
     return float(np.sqrt((np.asarray(vectors, dtype=np.float64) ** 2).sum(axis=-1).mean()))
 
 
 def error(system: SpringSystem, run: np.ndarray, reference: np.ndarray) -> Error:
-    """Error of `run` against `reference`, over all particles and all frames after the start; inf for a run that blew
-    up."""
+    """Return the error of `run` over all particles and all frames after the start; inf after a blow-up."""
     if not np.isfinite(run).all():
         return Error(*[float("inf")] * 4)
     absolute = rms(run[1:] - reference[1:])
@@ -40,15 +39,17 @@ def error(system: SpringSystem, run: np.ndarray, reference: np.ndarray) -> Error
 
 
 def energy_drift(system: SpringSystem, positions: np.ndarray, velocities: np.ndarray) -> float:
-    """Largest change of the total energy over the largest change of any one part of it: 0 for an exact undamped
-    motion."""
+    """Return the largest change of the total energy over the largest change of any one part of it.
+
+    It is 0 for an exact undamped motion.
+    """
     parts = np.array([system.energy(x, v) for x, v in zip(positions, velocities, strict=True)])
     exchanged = np.ptp(parts, axis=0).max()
     return float(np.abs(parts.sum(axis=1) - parts[0].sum()).max() / exchanged)
 
 
 def trusted_frames(reference: np.ndarray, perturbed: np.ndarray, tolerance: float) -> int:
-    """Number of leading frames over which chaos has not yet grown to a tenth of `tolerance` [m].
+    """Return the number of leading frames over which chaos has not yet grown to a tenth of `tolerance` [m].
 
     `perturbed` is the reference started 1e-6 m beside; beyond these frames no run can be judged at that tolerance.
     """
@@ -56,12 +57,12 @@ def trusted_frames(reference: np.ndarray, perturbed: np.ndarray, tolerance: floa
 
 
 def leading_frames(run: np.ndarray, other: np.ndarray, limit: float) -> int:
-    """Number of leading frames in which two runs are no more than `limit` [m] apart, RMS over the particles."""
+    """Return the number of leading frames in which two runs are at most `limit` [m] apart, RMS over particles."""
     beyond = np.flatnonzero(np.sqrt(((run - other) ** 2).sum(axis=-1).mean(axis=-1)) > limit)
     return int(beyond[0]) if len(beyond) else len(run)
 
 
 def perturbation(shape: tuple[int, ...], size: float = 1e-6) -> np.ndarray:
-    """Random displacements of RMS length `size` [m] and the given shape (N, 3), the same in every run."""
+    """Return random displacements of RMS length `size` [m] and the given shape (N, 3), the same in every run."""
     vectors = np.random.default_rng(7).standard_normal(shape)
     return size / rms(vectors) * vectors

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peers whose cloth is another model than springs, where they are installed: Newton's Style3D, and the flex of MuJoCo
-and of MuJoCo Warp.
+"""Peers whose cloth is not made of springs, if installed: Newton's Style3D, and the flex of MuJoCo and MuJoCo Warp.
 
-No exact motion of ours is theirs, so each is judged by its own limit: what it converges to with ever smaller steps, as
-far as it does. Both get masses, fixed particles and triangles of the case's sheet, and the moduli of its square grid of
+Our exact motion is not theirs, so each is judged by its own limit: its motion with ever smaller steps, as far as that
+converges. Both get masses, fixed particles and triangles of the case's sheet. They get the moduli of its square grid of
 springs k, as many across its cells as along them: C11 = 2 k, C66 = k, E = 1.5 k [N/m], Poisson's ratio 1/2. To add one,
 add a function from a run to its frames and times, and its row.
 """
@@ -35,8 +34,10 @@ _COARSEST = 10  # substeps from which a limit is looked for
 
 @dataclass(frozen=True)
 class Limit:
-    """What a method converges to: frames (F + 1, N, 3) [m] of its run of so many substeps and iterations. They are
-    `known` [m] from those of the next coarser run, RMS; infinite where it does not converge."""
+    """Converged motion of a method: frames (F + 1, N, 3) [m] of its run of so many substeps and iterations.
+
+    known [m]: RMS distance from the next coarser run; infinite if the method does not converge.
+    """
 
     frames: np.ndarray
     known: float
@@ -44,14 +45,17 @@ class Limit:
     iterations: int
 
     def judges(self, substeps: int, iterations: int) -> bool:
-        """Whether a run is coarser than what it would be judged by."""
+        """Return True if a run is coarser than this limit."""
         other = (substeps, iterations) != (self.substeps, self.iterations)
         return other and substeps <= self.substeps and iterations <= self.iterations
 
 
 def limit(simulate: Simulate, run: Run, most: int) -> Limit:
-    """The limit of `simulate` with the iterations of `run`. Its substeps are doubled as long as runs draw nearer to one
-    another, which rounding ends. Sweeps a frame are at most `most`."""
+    """Return the limit of `simulate` with the iterations of `run`.
+
+    Substeps are doubled as long as runs draw nearer to one another, which rounding ends. most: largest number of sweeps
+    a frame.
+    """
 
     def frames_of(substeps: int) -> np.ndarray:
         return simulate(dataclasses.replace(run, substeps=substeps))[0]
@@ -68,7 +72,7 @@ def limit(simulate: Simulate, run: Run, most: int) -> Limit:
 
 
 def style3d(run: Run) -> Frames:
-    """Newton's Style3D (projective dynamics), of at most 10 linear iterations in each of its iterations."""
+    """Simulate by Newton's Style3D (projective dynamics), with at most 10 linear iterations in each iteration."""
     from newton import Axis, ModelBuilder, solvers  # an optional package, imported where it is used
 
     system, start = run.case.system(run.resolution, run.constant)
@@ -115,9 +119,10 @@ _FLEX = """
 
 
 def flex(run: Run) -> Frames:
-    """MuJoCo's flex, an elastic membrane by finite elements, by the integrator that MuJoCo asks for with small steps.
+    """Simulate by MuJoCo's flex, an elastic membrane of finite elements.
 
-    It takes no iterations. Elastic forces are explicit, so that too few substeps blow up.
+    The integrator is the one that MuJoCo asks for with small steps. It takes no iterations. Elastic forces are
+    explicit, so that too few substeps blow up.
     """
     import mujoco
 
@@ -137,7 +142,7 @@ def flex(run: Run) -> Frames:
 
 
 def flex_on_gpu(run: Run) -> Frames:
-    """The same by MuJoCo Warp, all worlds at once and a captured graph a frame."""
+    """Simulate as `flex` by MuJoCo Warp, all worlds at once and a captured graph a frame."""
     import mujoco
     import mujoco_warp
 
@@ -162,7 +167,7 @@ def flex_on_gpu(run: Run) -> Frames:
 
 
 def _vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Where the vertices are that the joints of MuJoCo's data tell (N, 3) [m]."""
+    """Return the vertex positions (N, 3) [m] that follow from the joints in MuJoCo's data."""
     import mujoco
 
     mujoco.mj_kinematics(model, data)
@@ -171,7 +176,7 @@ def _vertices(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def _flex(run: Run) -> tuple[mujoco.MjModel, mujoco.MjData, np.ndarray]:
-    """MuJoCo's model of the case, its state at rest, and where its vertices then are (N, 3) [m]."""
+    """Return MuJoCo's model of the case, its state at rest, and the vertex positions (N, 3) [m] then."""
     import mujoco
 
     system, start = run.case.system(run.resolution, run.constant)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map of what holds: a loaded chain over stiffness, mass ratio, substeps and iterations, method by method.
+"""Map of the runs that hold: a loaded chain over stiffness, mass ratio, substeps and iterations, method by method.
 
 Every method gets the same springs (cases.loaded_chain) and is judged by its positions alone, as peers give no more. To
 add a method, add its contender; see `rows`.
@@ -47,7 +47,7 @@ SLACK = 0.05  # of the energy: between frames nobody knows it
 
 
 def rows(peers: bool, device: str) -> list[tuple[Contender, int]]:
-    """(method, iterations) in the order of the figure: the product's, the classic ones, the peers."""
+    """Return (method, iterations) in the order of the figure: the product's, the classic ones, the peers."""
     own = [each for each in CONTENDERS if not each.numpy]
     classic = [each for each in CONTENDERS if each.label in CLASSIC]
     others = peers_on(device) if peers else []
@@ -61,12 +61,12 @@ def chain(ratio: float) -> Case:
 
 
 def outcome(frames: np.ndarray, system: SpringSystem, seen: float) -> str:
-    """What became of a run: frames (F + 1, N, 3) [m]; `seen` [N/m]: springs stiffer than this hold no energy of note.
+    """Return "refused", "flies apart", "stretched" or "holds" for a run with frames (F + 1, N, 3) [m].
 
-    It flies apart if it is not finite or its energy is above that of the start. The energy is that of its place at
-    every frame, or that of its mean motion between two frames above the lowest place. It is stretched if a spring ever
-    is, by more than 0.05 and four times what the load stretches it at rest. Three times is what a swing and a wave in
-    it can do.
+    A run flies apart if it is not finite or gains energy over its start. The energy is the potential one at every
+    frame, or the kinetic one of the mean motion between two frames above the lowest potential. Springs stiffer than
+    `seen` [N/m] are left out, as they hold little energy. A run is stretched if any strain ever exceeds 0.05 plus four
+    times the strain of the load at rest. A swing with a wave in it reaches three times.
     """
     if not np.isfinite(frames).any():
         return "refused"
@@ -85,7 +85,7 @@ def outcome(frames: np.ndarray, system: SpringSystem, seen: float) -> str:
 
 
 def judge(contender: Contender, iterations: int, ratio: float, constant: float, substeps: int, device: str) -> str:
-    """The outcome of one cell."""
+    """Return the outcome of one cell."""
     own = not contender.numpy and contender in CONTENDERS
     if contender not in CONTENDERS and substeps * iterations > PEER_SWEEPS:
         return "not run"
@@ -118,11 +118,11 @@ class Panel:
 
     @property
     def row(self) -> str:
-        """What its row of panels is called."""
+        """Title of its row of panels."""
         return self.label if self.iterations == 0 else f"{self.label}, {self.iterations} iterations"
 
     def cells(self) -> list[list[str]]:
-        """Outcomes by mass ratio and stiffness."""
+        """Return the outcomes by mass ratio and stiffness."""
         contender = next(each for each, _ in rows(self.peers, self.device) if each.label == self.label)
         numbers = max(self.iterations, 1), self.substeps
         return [
@@ -157,7 +157,7 @@ def run(device: str, peers: bool, folder: Path, jobs: int) -> int:
 
 
 def _computed(panels: list[Panel], jobs: int) -> Iterator[list[list[str]]]:
-    """Cells of every panel in order, each as soon as it is done."""
+    """Yield the cells of every panel in order, each as soon as it is done."""
     if jobs == 1:
         yield from map(Panel.cells, panels)
         return
@@ -166,7 +166,7 @@ def _computed(panels: list[Panel], jobs: int) -> Iterator[list[list[str]]]:
 
 
 def table(found: dict[str, list]) -> str:
-    """Numbers of cells by method and outcome."""
+    """Return the numbers of cells by method and outcome."""
     lines = [f"{'':<36}" + "".join(f"{name:>13}" for name in OUTCOMES)]
     for label, cells in found.items():
         flat = np.array(cells).ravel()
@@ -175,7 +175,7 @@ def table(found: dict[str, list]) -> str:
 
 
 def draw(found: dict[str, list], path: Path) -> None:
-    """A panel for each method and number of substeps: stiffness across, mass ratio up."""
+    """Draw a panel for each method and number of substeps: stiffness across, mass ratio up."""
     figure = Figure(figsize=(11, 1.5 * len(found) + 1.2), layout="constrained")
     panels = figure.subplots(len(found), len(SUBSTEPS), squeeze=False, sharex=True, sharey=True)
     names, colours = list(OUTCOMES), ListedColormap(list(OUTCOMES.values()))

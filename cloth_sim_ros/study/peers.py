@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Peers on the same springs, where they are installed: NVIDIA Newton (XPBD, VBD) and PositionBasedDynamics (pyPBD).
+"""Peers on the same springs, if installed: NVIDIA Newton (XPBD, VBD) and PositionBasedDynamics (pyPBD).
 
 They come with `pip install cloth_sim_ros[peers]`. Each gets the masses, springs and fixed particles of the case's
-SpringSystem, substeps and iterations of the run, and is judged against the same exact motion. Those that have no such
+SpringSystem, substeps and iterations of the run, and is judged against the same exact motion. Those without such
 springs are in other_models.py. To add a peer, add a function from a run to its frames and times, and its row.
 """
 
@@ -30,8 +30,11 @@ Frames = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Peer:
-    """`simulate`(run) -> frames (F + 1, N, 3) [m] and milliseconds (F,); `package` is what it imports; whether it runs
-    on a GPU and on a CPU, in many `worlds` at once, and `iterates` in a substep."""
+    """A third-party solver. `simulate`(run) returns frames (F + 1, N, 3) [m] and milliseconds (F,).
+
+    package: the module that it imports. The flags say if it runs on a GPU, on a CPU and in many `worlds` at once, and
+    if it `iterates` in a substep.
+    """
 
     label: str
     package: str
@@ -42,7 +45,7 @@ class Peer:
     iterates: bool = True
 
     def why_not(self, device: str, worlds: int = 1) -> str:
-        """One sentence why it cannot stand in the figure of so many worlds on `device`, or nothing."""
+        """Return one sentence why it cannot stand in the figure of so many worlds on `device`, or ""."""
         if importlib.util.find_spec(self.package) is None:
             return f"{self.label} is left out: the package {self.package!r} is not installed (extra [peers])"
         if device.startswith("cuda") and not self.on_gpu:
@@ -55,7 +58,7 @@ class Peer:
 
 
 def newton(method: str) -> Callable[[Run], Frames]:
-    """Newton's solver "xpbd" or "vbd", on a GPU as one captured graph a frame."""
+    """Return Newton's solver "xpbd" or "vbd", on a GPU as one captured graph a frame."""
 
     def simulate(run: Run) -> Frames:
         from newton import solvers  # an optional package, imported where it is used
@@ -69,7 +72,7 @@ def newton(method: str) -> Callable[[Run], Frames]:
 
 
 def run_newton(solver, start: np.ndarray, run: Run) -> Frames:
-    """Frames and times of a solver of Newton's from rest at `start` (N, 3) [m] in all worlds."""
+    """Return frames and times of a solver of Newton's from rest at `start` (N, 3) [m] in all worlds."""
     model = solver.model
     states, control = [model.state(), model.state()], model.control()
     substeps = run.substeps + run.substeps % 2  # both states take turns and must be back in place for a graph
@@ -107,7 +110,7 @@ def _newton_model(system: SpringSystem, start: np.ndarray, run: Run):
 
 
 def finalized(builder, run: Run):
-    """Newton's model of all worlds of a run, of a builder of one."""
+    """Return Newton's model of all worlds of a run, from a builder of one."""
     from newton import Axis, ModelBuilder
 
     if run.worlds > 1:
@@ -117,7 +120,7 @@ def finalized(builder, run: Run):
 
 
 def colours(system: SpringSystem) -> list[np.ndarray]:
-    """Particles by colour, of which no two of one share a spring: each takes the least that its neighbours leave."""
+    """Return particles by colour, such that no two of one colour share a spring (greedy: the least free colour)."""
     neighbours = abs(system.incidence) @ abs(system.incidence).T
     colour = np.full(len(system.masses), -1)
     for i in range(len(colour)):
@@ -127,7 +130,7 @@ def colours(system: SpringSystem) -> list[np.ndarray]:
 
 
 def pypbd(run: Run) -> Frames:
-    """XPBD of PositionBasedDynamics, whose rest lengths are those of the start and whose up axis is y."""
+    """Simulate by XPBD of PositionBasedDynamics, whose rest lengths are those of the start and whose up axis is y."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, as the product takes
     import pypbd as library
 
@@ -162,7 +165,7 @@ def pypbd(run: Run) -> Frames:
 
 
 def record(step: Callable, positions: Callable, start: np.ndarray, frames: int, device: wp.Device) -> Frames:
-    """Frames and times of `step`."""
+    """Return the frames and times of `step`."""
     found, times = [start], []
     for _ in range(frames):
         times.append(milliseconds(step, device))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Position-based dynamics as its papers have it, in NumPy, to be looked at: the product solves ropes in one instead.
+"""Position-based dynamics as in its papers, in NumPy, for figures: the product solves ropes directly instead.
 
 PBD: Mueller, Heidelberger, Hennix, Ratcliff 2007. XPBD: Macklin, Mueller, Chentanez 2016.
 """
@@ -20,7 +20,7 @@ from cloth_sim_ros.study.springs import SpringSystem
 class Springs:
     """Particles x (N, 3) [m] with inverse masses (N,) [1/kg], springs `pairs` (E, 2) of rest lengths (E,) [m].
 
-    compliance (E,) [m/N]: 0 is rigid, which is PBD. groups: springs of each pass of a sweep, indices.
+    compliance (E,) [m/N]: 0 is rigid, which is PBD. groups: indices of the springs of each pass of a sweep.
     """
 
     x: np.ndarray
@@ -31,13 +31,14 @@ class Springs:
     groups: Sequence[np.ndarray]
 
     def violation(self) -> np.ndarray:
-        """How much longer each spring is than at rest (E,) [m]."""
+        """Return the elongation (E,) [m] of each spring."""
         return np.linalg.norm(self.x[self.pairs[:, 1]] - self.x[self.pairs[:, 0]], axis=1) - self.rest
 
     def corrections(self, chosen: np.ndarray, multipliers: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-        """What the springs `chosen` want of their first and second particles (E', 3) [m], all from the same x.
+        """Return the corrections (E', 3) [m] of the first and the second particles of springs `chosen`.
 
-        multipliers (E,) [N s^2] grow by what is done. step [s]: the length of the step that the compliance is for.
+        All use the same x. multipliers (E,) [N s^2] are updated. step [s]: length of the time step, which scales the
+        compliance.
         """
         a, b = self.pairs[chosen].T
         edge = self.x[b] - self.x[a]
@@ -50,16 +51,16 @@ class Springs:
         return -self.inverse_mass[a, None] * push, self.inverse_mass[b, None] * push
 
     def sweep(self, multipliers: np.ndarray, step: float, share: float = 1.0) -> None:
-        """One pass after the other; `share` of each correction is done, the stiffness of PBD."""
+        """Project one group after the other, each by the share `share` of its corrections, the stiffness of PBD."""
         for chosen in self.groups:
             first, second = self.corrections(chosen, multipliers, step)
             self.x[self.pairs[chosen, 0]] += share * first
             self.x[self.pairs[chosen, 1]] += share * second
 
     def race(self, chosen: np.ndarray, multipliers: np.ndarray, step: float) -> int:
-        """All `chosen` at once as careless threads do: each reads x, then writes, and of two writers one is lost.
+        """Project all `chosen` at once, as unsynchronised threads do; return the number of lost writes.
 
-        Returns how many writes are lost.
+        Each reads x, then writes, and the last writer wins.
         """
         first, second = self.corrections(chosen, multipliers, step)
         particles = self.pairs[chosen].T.ravel()
@@ -68,7 +69,7 @@ class Springs:
 
 
 def lost_writes(pairs: np.ndarray) -> int:
-    """How many of the writes of springs `pairs` (E, 2) are overwritten where all write at once."""
+    """Return the number of writes of springs `pairs` (E, 2) that are overwritten if all write at once."""
     return 2 * len(pairs) - len(np.unique(pairs))
 
 
@@ -95,7 +96,7 @@ class HangingRope:
         self.damping = damping
 
     def step(self, top: np.ndarray, dt: float, substeps: int, iterations: int, gravity: float = 9.81) -> None:
-        """A frame of `dt` [s], at whose end the first particle is at `top` (3,) [m]."""
+        """Advance by a frame of `dt` [s], at whose end the first particle is at `top` (3,) [m]."""
         h, springs = dt / substeps, self.springs
         begin = springs.x[0].copy()
         for k in range(substeps):
@@ -111,14 +112,14 @@ class HangingRope:
 
     @property
     def stretch(self) -> float:
-        """How much longer the rope is than at rest, relative to that."""
+        """Return the elongation of the rope over its rest length [-]."""
         return float(self.springs.violation().sum() / self.springs.rest.sum())
 
 
 def position_based(system: SpringSystem, iterations: int, stiffness: float = 1.0) -> Step:
-    """PBD (Mueller et al. 2007): springs are moved to rest length by the share `stiffness`, colour after colour.
+    """Return a step of PBD (Mueller et al. 2007), which projects springs by the share `stiffness`, colour after colour.
 
-    The spring constants are not used: what the cloth feels like depends on the iterations and on the step.
+    The spring constants are not used: the stiffness of the cloth depends on the iterations and on the step.
     """
     inverse_mass, rigid = _inverse_masses(system), np.zeros(len(system.pairs))
     groups = _colours(system)
@@ -134,14 +135,14 @@ def position_based(system: SpringSystem, iterations: int, stiffness: float = 1.0
 
 
 def _inverse_masses(system: SpringSystem) -> np.ndarray:
-    """Inverse masses (N,) [1/kg], 0 where fixed."""
+    """Return inverse masses (N,) [1/kg], 0 for fixed particles."""
     if system.damping or system.global_damping:
         raise ValueError("the system is damped; allowed are systems without damping, as PBD has none")
     return np.where(system.fixed, 0.0, 1.0 / system.masses)
 
 
 def _colours(system: SpringSystem) -> list[np.ndarray]:
-    """Indices of the springs that a free particle feels, in groups that share no particle."""
+    """Return indices of the springs with a free particle, in groups that share no particle."""
     felt = np.flatnonzero(~system.fixed[system.pairs].all(axis=1))
     colours = colour(system.pairs[felt], len(system.masses))
     return [felt[colours == c] for c in range(colours.max(initial=-1) + 1)]

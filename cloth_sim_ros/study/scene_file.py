@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node's YAML file as a scene, and the same file with other solver settings.
+"""Read the node's YAML file as a scene, and write the same file with other solver settings.
 
-Of cloth_sim_ros.ros only modules that know no ROS are used, so that the node and the study build the same scene.
+It uses only modules of cloth_sim_ros.ros that import no ROS, so that the node and the study build the same scene.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ PARAMETERS = "ros__parameters"
 
 
 def read_plan(path: Path) -> Plan:
-    """The scene, settings and device that the node would make of a file. Raises ValueError for what it would leave
-    out."""
+    """Return the scene, settings and device that the node makes of a file.
+
+    Raises ValueError for anything that the node would leave out.
+    """
     given = dict(_flat(_document(path), path))
     rows = names.fixed_rows()
     values = {name: _value(row, name, given) for name, row in rows.items()}
@@ -43,7 +45,7 @@ def read_plan(path: Path) -> Plan:
 
 
 def with_values(path: Path, values: Mapping[str, Any]) -> str:
-    """The text of the file with these parameters in place; comments and everything else stay."""
+    """Return the text of the file with these parameters in place; comments and everything else stay."""
     text = _text(path)
     for name, value in values.items():
         text = _replaced(text, name, str(value), path)
@@ -65,7 +67,7 @@ def _document(path: Path) -> Any:
 
 
 def _flat(document: Any, path: Path) -> Iterator[tuple[str, Any]]:
-    """(full name, value) of every parameter of the one node in `document`."""
+    """Yield (full name, value) of every parameter of the one node in `document`."""
     blocks = [node[PARAMETERS] for node in _mappings(document) if isinstance(node.get(PARAMETERS), Mapping)]
     if len(blocks) != 1:
         raise ValueError(f"{path} has {len(blocks)} nodes with {PARAMETERS}; allowed is one")
@@ -86,7 +88,7 @@ def _mappings(document: Any) -> list[Mapping]:
 
 
 def _value(row: table.Parameter, name: str, given: Mapping[str, Any]) -> Any:
-    """The checked value of a parameter: as given, with 1e-3, which YAML takes for text, as a number."""
+    """Return the checked value of a parameter: as given, with 1e-3, which YAML takes for text, as a number."""
     if name not in given:
         mesh = row.name == "pins" and given.get(name.replace(".pins", ".mesh"))
         return "none" if mesh else row.default  # a mesh has no corners
@@ -100,7 +102,7 @@ def _value(row: table.Parameter, name: str, given: Mapping[str, Any]) -> Any:
 
 
 def _replaced(text: str, name: str, value: str, path: Path) -> str:
-    """`text` with the parameter called `name` set to `value`, in its place or before the first of its group."""
+    """Return `text` with the parameter called `name` set to `value`, in its place or before the first of its group."""
     root = yaml.compose(text)
     blocks = [_child(node, PARAMETERS) for _, node in root.value if isinstance(node, yaml.MappingNode)]
     (block,) = [node for node in blocks if isinstance(node, yaml.MappingNode)]
@@ -118,7 +120,7 @@ def _child(mapping: yaml.MappingNode, key: str) -> yaml.Node | None:
 
 
 def _locate(mapping: yaml.MappingNode, name: str) -> tuple[yaml.Node | None, str]:
-    """The node of parameter `name` and "", or the innermost group that it belongs into and its name in there."""
+    """Return the node of parameter `name` and "", or the innermost group that it belongs into and its name in there."""
     direct = _child(mapping, name)
     if direct is not None:
         return direct, ""

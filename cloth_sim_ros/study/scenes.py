@@ -77,7 +77,7 @@ def mesh(resolution: int) -> Cloth:
 
 
 def hand(x: float, y: float, z: float, reach: float = 0.02) -> Handle:
-    """A hand that holds what is within its reach [m]."""
+    """A hand that holds particles within its reach [m]."""
     return Handle(position=(x, y, z), reach=reach, attached=True)
 
 
@@ -125,7 +125,7 @@ BARE = Case("bare", "sheet held at two corners", bare, FRAMES, 1e-3, 32, 1e3)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of the command."""
+    """Add the options of the command."""
     parser.add_argument("--device", default="cpu", help="cpu or cuda:0")
     parser.add_argument("--scene", choices=SCENES, nargs="+", default=STANDARD)
     parser.add_argument("--resolution", type=int, nargs="+", default=[32], help="particles a side")
@@ -154,7 +154,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def measure(name: str, resolution: int, arguments: argparse.Namespace) -> list[tuple[str, ...]]:
-    """The rows of a scene: its settings, peers where they have it, and how well its reference is known."""
+    """Return the rows of a scene: its settings, peers if it has them, and the uncertainty of its reference."""
     scene, device = SCENES[name](resolution), arguments.device
     fine, half = (
         frames_of(Simulation(scene, Settings(method="xpbd", order=2, substeps=substeps), device))
@@ -189,7 +189,7 @@ def measure(name: str, resolution: int, arguments: argparse.Namespace) -> list[t
 
 
 def frames_of(sim: Simulation) -> np.ndarray:
-    """Positions (FRAMES, N, 3) [m] after each frame from the start."""
+    """Return positions (FRAMES, N, 3) [m] after each frame from the start."""
     found = []
     for _ in range(FRAMES):
         sim.step()
@@ -198,6 +198,6 @@ def frames_of(sim: Simulation) -> np.ndarray:
 
 
 def spread(times: Sequence[float]) -> str:
-    """Median and quartiles [ms] in a few characters."""
+    """Return median and quartiles [ms] in a few characters."""
     numbers = quartiles(times)
     return f"{numbers['median']:.3g} ({numbers['low']:.3g}-{numbers['high']:.3g})"

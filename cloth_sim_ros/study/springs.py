@@ -2,7 +2,7 @@
 """A system of masses and springs in float64: the equations themselves, straight from Newton and Hooke.
 
 Particle i has the mass m_i. Spring s lies between a_s and b_s with rest length L_s, constant k_s and a dashpot c_s =
-tau k_s. The dashpot feels only the rate of its length. Nothing here is shared with the solver that it judges.
+tau k_s. The dashpot feels only the rate of its length. The code shares nothing with the solver that it judges.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from scipy import sparse
 
 @dataclass(frozen=True)
 class SpringSystem:
-    """Constants of motion. `fixed` particles stay where they start, whatever pulls them.
+    """Constants of motion. `fixed` particles stay at their start under any force.
 
     masses (N,) [kg], fixed (N,) bool, pairs (S, 2), rest_length (S,) [m], constant (S,) [N/m], damping tau [s], gravity
     (3,) [m/s^2]. global_damping [1/s]: a drag relative to each particle's momentum. bending (N, N) [N/m]: a stiffness
-    that acts on every coordinate alike, None for none.
+    that acts on every coordinate alike, or None.
     """
 
     masses: np.ndarray
@@ -51,7 +51,7 @@ class SpringSystem:
         springs: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
         **more: object,
     ) -> SpringSystem:
-        """All kinds of `springs` (kind -> pairs, rest lengths, constants) as one system; `pins` are fixed indices."""
+        """Return `springs` (kind -> pairs, rest lengths, constants) as one system; `pins` are fixed indices."""
         pairs, rest, constant = (np.concatenate([kind[k] for kind in springs.values()]) for k in range(3))
         fixed = np.zeros(len(masses), dtype=bool)
         fixed[np.asarray(pins, dtype=np.int64)] = True
@@ -60,22 +60,22 @@ class SpringSystem:
         return cls(masses, fixed, np.asarray(pairs, dtype=np.int64), rest, constant, **more)
 
     def lengths(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths (S,) [m] and unit directions (S, 3) of the springs at positions x (N, 3); no length: no direction."""
+        """Return lengths (S,) [m] and unit directions (S, 3) of the springs at x (N, 3); 0 for springs of no length."""
         edge = x[self.pairs[:, 1]] - x[self.pairs[:, 0]]
         length = np.sqrt(np.einsum("ij,ij->i", edge, edge))
         return length, edge / np.where(length > 0.0, length, 1.0)[:, None]
 
     def strains(self, x: np.ndarray) -> np.ndarray:
-        """(length - rest) / rest of every spring, (S,); x may be (..., N, 3)."""
+        """Return (length - rest) / rest of every spring, (S,); x may be (..., N, 3)."""
         edge = x[..., self.pairs[:, 1], :] - x[..., self.pairs[:, 0], :]
         return np.linalg.norm(edge, axis=-1) / self.rest_length - 1.0
 
     def pull(self, directions: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Forces (N, 3) [N] of springs along `directions` (S, 3) under `tension` (S,) [N]."""
+        """Return forces (N, 3) [N] of springs along `directions` (S, 3) under `tension` (S,) [N]."""
         return -(self.incidence @ (tension[:, None] * directions))
 
     def forces(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Forces (N, 3) [N] of springs, dashpots, gravity and global damping, on fixed particles as well."""
+        """Return forces (N, 3) [N] of springs, dashpots, gravity and global damping, on fixed particles as well."""
         length, n = self.lengths(x)
         tension = self.constant * (length - self.rest_length)
         if self.damping > 0.0:
@@ -87,11 +87,14 @@ class SpringSystem:
         return self.pull(n, tension) + weight - self.global_damping * self.masses[:, None] * v
 
     def accelerations(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(N, 3) [m/s^2]: forces over masses, zero for fixed particles."""
+        """Return accelerations (N, 3) [m/s^2]: forces over masses, zero for fixed particles."""
         return np.where(self.fixed, 0.0, 1.0 / self.masses)[:, None] * self.forces(x, v)
 
     def energy(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
-        """(kinetic, of the springs, of gravity with zero at the origin) [J]; fixed particles carry none."""
+        """Return the energies [J]: kinetic, elastic, and of gravity with zero at the origin.
+
+        Fixed particles have none.
+        """
         free = np.where(self.fixed, 0.0, self.masses)
         kinetic = 0.5 * float((free * (v * v).sum(axis=1)).sum())
         spring = 0.5 * float((self.constant * (self.lengths(x)[0] - self.rest_length) ** 2).sum())
@@ -100,19 +103,17 @@ class SpringSystem:
         return kinetic, spring, -float((free * (x @ np.asarray(self.gravity))).sum())
 
     def fastest(self) -> float:
-        """An upper bound of the highest angular frequency [rad/s]: twice the stiffest row sum of M^-1 K
-        (Gershgorin)."""
+        """Return an upper bound of the angular frequency [rad/s]: twice the stiffest row sum of M^-1 K (Gershgorin)."""
         stiffness = 2.0 * (abs(self.incidence) @ self.constant)
         if self.bending is not None:
             stiffness = stiffness + abs(self.bending).sum(axis=1)
         return float(np.sqrt((stiffness / self.masses)[~self.fixed].max(initial=0.0)))
 
     def stiffness(self, x: np.ndarray, tension: np.ndarray, slope: np.ndarray, clamped: bool) -> sparse.csc_array:
-        """-d pull / dx, (3N, 3N) [N/m], of springs under `tension` (S,) [N] that grows by `slope` (S,) [N/m] with
-        length.
+        """Return -d pull / dx, (3N, 3N) [N/m], of springs under `tension` (S,) [N].
 
-        clamped: compression's negative transverse stiffness is left out, which makes it positive semi-definite (Teran
-        et al. 2005).
+        slope (S,) [N/m]: growth of the tension with length. clamped: True leaves out the negative transverse stiffness
+        of compression, which makes the matrix positive semi-definite (Teran et al. 2005).
         """
         length, n = self.lengths(x)
         along = n[:, :, None] * n[:, None, :]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`stability`: every hard case on every body by every method, and what each run kept of what its case promises."""
+"""`stability`: every hard case on every body by every method, and the promises that each run kept."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OUTCOMES = ("held", "refused", "failed")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line of `python -m cloth_sim_ros.study stability`."""
+    """Add the options of `python -m cloth_sim_ros.study stability`."""
     parser.add_argument("--device", default="auto", help="cpu, cuda:0 or auto")
     parser.add_argument("--seed", type=int, help="of all that is drawn; another one every time if not given")
     parser.add_argument("--case", choices=CASES, nargs="+", help="these alone")
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run and print; the exit status is 1 if anything failed."""
+    """Run and print; return 1 if anything failed."""
     if arguments.long:
         return long_rest.run(arguments.device)
     if arguments.map:
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def summary(rows: list[dict]) -> str:
-    """How many ran, held, were refused as is guaranteed and failed, and what hides in these numbers."""
+    """Return the numbers of combinations that ran, held, were refused and failed, with a remark on them."""
     held, refused, failed = ([row for row in rows if row["outcome"] == outcome] for outcome in OUTCOMES)
     asked = sum(row["substeps"] > row["options"]["substeps"] for row in held)
     folds = sum(row["fold"] > 0.0 for row in held)
@@ -105,7 +105,7 @@ def summary(rows: list[dict]) -> str:
 
 
 def table(rows: list[dict]) -> str:
-    """Numbers of combinations that held, were refused as is guaranteed and failed, by case and method."""
+    """Return the numbers of combinations that held, were refused as guaranteed, and failed, by case and method."""
     methods = [method for method in METHODS if any(row["method"] == method for row in rows)]
     lines = [f"{'':<20}" + "".join(f"{method:>24}" for method in methods)]
     lines.append(f"{'held / refused / failed':<20}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Things thrown at sheets, drawn at random: what passes, and how deep the rest gets."""
+"""Random throws of things at sheets: the number that pass through, and the depth of the others."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ THINGS: dict[str, tuple[Callable[..., Collider], float]] = {
 class Throw:
     """A thing that comes from below at a `speed` [m/s], `aside` [m] of the middle of a sheet, turned and `spinning`.
 
-    stiffness: of the sheet's springs [N/m]. steps: substeps and iterations, 0 where they are chosen.
+    stiffness: that of the sheet's springs [N/m]. steps: substeps and iterations, 0 to let the solver choose.
     """
 
     thing: str
@@ -65,7 +65,7 @@ class Throw:
 
 
 def drawn(random: np.random.Generator) -> Throw:
-    """One of all throws."""
+    """Draw one of all throws."""
     side = int(random.choice([12, 16, 24, 32, 48, 64]))
     return Throw(
         thing=str(random.choice(list(THINGS))),
@@ -84,9 +84,10 @@ def drawn(random: np.random.Generator) -> Throw:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Whether a thing passed through, and how deep any sampled point of the sheet was at the end of a frame [m].
+    """Result of a throw.
 
-    What is hung gives way, so that nothing is said of it to have passed.
+    passed: True if the thing passed through a clamped sheet; a hung one gives way. depth [m]: that of the deepest
+    sampled point of the sheet at the end of a frame.
     """
 
     passed: bool
@@ -94,7 +95,7 @@ class Outcome:
 
 
 def throw(each: Throw, random: np.random.Generator, device: str) -> Outcome:
-    """Simulate one; `random` tells how what spins turns."""
+    """Simulate one throw; `random` draws the turns of a spinning thing."""
     make, reach = THINGS[each.thing]
     nx, ny = each.resolution
     friction = {"static_friction": each.friction, "kinetic_friction": 0.8 * each.friction}
@@ -124,7 +125,7 @@ def throw(each: Throw, random: np.random.Generator, device: str) -> Outcome:
 
 
 def is_above(sim: Simulation, name: str, point: tuple[float, ...]) -> bool:
-    """Whether a sheet lies above a point: whether an odd number of its triangles does."""
+    """Return True if a sheet lies above a point, that is, if an odd number of its triangles does."""
     corners = (sim.positions(name) - point)[sim.triangles(name)]
     following = np.roll(corners, -1, axis=1)
     areas = np.roll(corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0], -1, axis=1)
@@ -133,7 +134,7 @@ def is_above(sim: Simulation, name: str, point: tuple[float, ...]) -> bool:
 
 
 def run(count: int, first: int, seed: int, device: str) -> int:
-    """Throw, and print what went wrong; the exit status is 1 if anything did."""
+    """Throw, and print what went wrong; return 1 if anything did."""
     passed, deep = 0, 0
     for number in range(first, first + count):
         random = np.random.default_rng((seed, number))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time per frame, measured the same way everywhere, and where it was measured."""
+"""Time per frame, measured the same way everywhere, and the machine it was measured on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cloth_sim_ros.sim import Simulation
 
 
 def milliseconds(step: Callable[[], None], device: wp.Device) -> float:
-    """Milliseconds that a step takes: on a GPU by CUDA events on its stream, on the CPU by the wall clock."""
+    """Return the milliseconds of a step: on a GPU by CUDA events on its stream, on the CPU by the wall clock."""
     if not device.is_cuda:
         begin = time.perf_counter()
         step()
@@ -28,9 +28,9 @@ def milliseconds(step: Callable[[], None], device: wp.Device) -> float:
 
 
 def frame_times(sim: Simulation, frames: int, after: Callable[[], None]) -> np.ndarray:
-    """Milliseconds (frames,) that each of `frames` frames took; `after` is called after each, untimed.
+    """Return the milliseconds (frames,) of each of `frames` frames; `after` is called after each, untimed.
 
-    Each starts on an idle device, so that the way from the host counts. `frame_time` has frames that follow one
+    Each starts on an idle device, so that the launch from the host counts. `frame_time` has frames that follow one
     another.
     """
     device, found = wp.get_device(sim.device), []
@@ -41,8 +41,11 @@ def frame_times(sim: Simulation, frames: int, after: Callable[[], None]) -> np.n
 
 
 def frame_time(sim: Simulation, frames: int) -> float:
-    """Milliseconds a frame of `frames` in a row, each by a call of its own. On a GPU it is their mean between two CUDA
-    events, as one after each of them would add 2 us of its own. On the CPU it is the median."""
+    """Return the milliseconds a frame of `frames` in a row, each by a call of its own.
+
+    On a GPU it is their mean between two CUDA events, as one after each of them would add 2 us of its own. On the CPU
+    it is the median.
+    """
     device = wp.get_device(sim.device)
     if not device.is_cuda:
         return float(np.median(frame_times(sim, frames, lambda: None)))
@@ -55,12 +58,12 @@ def frame_time(sim: Simulation, frames: int) -> float:
 
 
 def quartiles(numbers: np.ndarray) -> dict[str, float]:
-    """low, median and high: the quartiles of `numbers`."""
+    """Return low, median and high: the quartiles of `numbers`."""
     return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
 
 
 def machine(device: str) -> dict[str, str]:
-    """What the times were measured on, for tables and JSON."""
+    """Return the device, its name and the versions that the times were measured with, for tables and JSON."""
     chosen = wp.get_device(device)
     name = chosen.name if chosen.is_cuda else _processor()
     return {"device": chosen.alias, "name": name, "warp": wp.__version__, "python": platform.python_version()}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`tune`: the cheapest settings with which the user's own scene keeps a wanted error.
 
-The scene runs from its start; colliders stay where the file puts them unless --move takes them along. What it is
-judged by is the product itself at ever more substeps and iterations, until two such runs agree.
+The scene runs from its start; colliders stay where the file puts them unless --move moves them. The reference is the
+product itself at ever more substeps and iterations, until two such runs agree.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ TUNED = ("method", "order", "substeps", "iterations")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line of `python -m cloth_sim_ros.study tune`."""
+    """Add the options of `python -m cloth_sim_ros.study tune`."""
     parser.add_argument("scene", type=Path, help="the node's YAML file")
     parser.add_argument("--error", type=float, default=1e-3, help="wanted RMS error of position [m]")
     parser.add_argument("--budget-ms", type=float, help="most milliseconds a frame")
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, print, draw, write the chosen settings and measure them again; 1 if nothing keeps the budget."""
+    """Measure, print, draw, write the chosen settings and measure them again; return 1 if none keeps the budget."""
     trial = trial_of(arguments)
     plan = trial.plan
     print(f"looking for the converged motion of {arguments.scene}", file=sys.stderr, flush=True)
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def trial_of(arguments: argparse.Namespace) -> Trial:
-    """What to run. Raises ValueError for a file or a move that cannot be."""
+    """Return the trial to run. Raises ValueError for a file or a move that is not allowed."""
     plan = read_plan(arguments.scene)
     if arguments.device:
         plan = dataclasses.replace(plan, device=arguments.device)
@@ -91,7 +91,7 @@ def trial_of(arguments: argparse.Namespace) -> Trial:
 
 
 def sweep(trial: Trial, exact: Converged, arguments: argparse.Namespace) -> list[dict]:
-    """One row for every method, number of substeps and of iterations that the scene allows."""
+    """Return one row for every method, number of substeps and number of iterations that the scene allows."""
     rows = []
     for label, method in METHODS.items():
         for iterations in arguments.iterations if method["method"] != "verlet" else [1]:
@@ -113,7 +113,7 @@ def sweep(trial: Trial, exact: Converged, arguments: argparse.Namespace) -> list
 
 
 def measure(label: str, trial: Trial, settings: Settings, exact: Converged) -> dict:
-    """Error and time of one run."""
+    """Return the row of one run: its error and time."""
     frames, times = frames_of(trial, settings, exact.trusted - 1)
     error = rms(frames[1:] - exact.frames[1 : exact.trusted]) if np.isfinite(frames).all() else float("inf")
     return {
@@ -129,7 +129,10 @@ def measure(label: str, trial: Trial, settings: Settings, exact: Converged) -> d
 
 
 def choose(rows: list[dict], error: float, budget: float | None) -> dict | None:
-    """The cheapest row that keeps the error, else the nearest; of those within the budget [ms], where there is one."""
+    """Return the cheapest row that keeps the error, else the most exact one.
+
+    With a budget [ms], only rows within it count.
+    """
     rows = [row for row in rows if np.isfinite(row["position"]) and (budget is None or row["ms"] <= budget)]
     good = [row for row in rows if row["position"] <= error]
     if good:
@@ -138,7 +141,7 @@ def choose(rows: list[dict], error: float, budget: float | None) -> dict | None:
 
 
 def verdict_of(exact: Converged, error: float) -> str:
-    """How far the converged run can be believed."""
+    """Return a sentence on how well the converged run is known."""
     steps = f"{exact.substeps} substeps x {exact.iterations} iterations of order {exact.order}"
     text = f"converged to {exact.uncertainty:.1e} m at {steps}"
     if exact.uncertainty > 0.2 * error:

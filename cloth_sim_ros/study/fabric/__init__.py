@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The tests that textile laboratories make, on presets and fabrics of one's own."""
+"""Tests of textile laboratories, on presets and on the user's own fabrics."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`fabric`: drape, stretch, shear and bending of presets by the tests of a laboratory, beside what they should be."""
+"""`fabric`: drape, stretch, shear and bending of presets by laboratory tests, beside their expected values."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STRIP_KINDS = ("one way", "hexagonal", "delaunay")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command line of `python -m cloth_sim_ros.study fabric`."""
+    """Add the options of `python -m cloth_sim_ros.study fabric`."""
     parser.add_argument("--fabric", nargs="+", choices=tuple(FABRICS), default=list(BANDS), metavar="NAME")
     parser.add_argument(
         "--own", help='numbers of a fabric of your own, as JSON: \'{"areal_mass": 0.2, "warp": 900, ...}\''
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def table(rows: list[dict]) -> str:
-    """A line for each row: what was measured, and what it should be."""
+    """Return a line for each row: the measured and the expected value."""
     lines = [f"{'fabric':10} {'test':24} {'mesh':10} {'measured':>10}  should be"]
     return "\n".join(
         lines
@@ -112,7 +112,7 @@ def table(rows: list[dict]) -> str:
 
 
 def _own(text: str) -> Fabric:
-    """A fabric from JSON. Raises ValueError if it is none."""
+    """Return a fabric from JSON. Raises ValueError if the text is none."""
     try:
         return Fabric(**{name: float(value) for name, value in json.loads(text).items()})
     except (TypeError, ValueError, AttributeError) as error:
@@ -138,7 +138,7 @@ def _drape_row(name: str, kind: str, found: list[Drape]) -> dict:
 
 
 def _draw(drapes: dict[tuple[str, str], Drape], path: Path) -> None:
-    """The drapes from above, darker the lower, with the circle of the support and that of the flat sample."""
+    """Draw the drapes from above, darker the lower, with the circle of the support and that of the flat sample."""
     columns = len(KINDS) * 2
     lines = -(-len(drapes) // columns)
     figure = Figure(figsize=(2.1 * columns, 2.4 * lines), layout="constrained")

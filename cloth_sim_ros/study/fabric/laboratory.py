@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drape (ISO 9073-9), strips that are pulled or hang over an edge (ASTM D1388), and shear in a picture frame, by the
-product."""
+"""Laboratory tests by the product.
+
+They are drape (ISO 9073-9), strips that are pulled or hang over an edge (ASTM D1388), and shear in a picture frame.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ _FRAME, _ANGLE = 0.2, 0.01  # side of a picture frame [m], and by how much it le
 @dataclass(frozen=True)
 class Drape:
     """coefficient [%]: share of the ring beyond the support that lies in the shadow. folds: number of waves around the
-    rim. points (N, 3) [m], triangles: the sheet. substeps a frame, and frames that were simulated."""
+    rim. points (N, 3) [m], triangles: the sheet. Also the substeps a frame, and the number of simulated frames."""
 
     coefficient: float
     folds: int
@@ -58,7 +60,7 @@ def drape(fabric: Fabric, kind: str, spacing: float, turn: float, seconds: float
 
 
 def shadow(points: np.ndarray, triangles: np.ndarray) -> float:
-    """Area [m^2] of the shadow of triangles on the ground, by pixels."""
+    """Return the area [m^2] of the shadow of triangles on the ground, by pixels."""
     edge = 1.1 * RADIUS
     size, lit = 2.0 * edge / _PIXELS, np.zeros((_PIXELS, _PIXELS), dtype=bool)
     centres = (np.arange(_PIXELS) + 0.5) * size - edge
@@ -77,7 +79,7 @@ def shadow(points: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def _folds(flat: np.ndarray, x: np.ndarray) -> int:
-    """The strongest wave of the rim's distance from the axis."""
+    """Return the number of waves around the rim: the strongest in its distance from the axis."""
     rim = np.flatnonzero(np.linalg.norm(flat, axis=1) > RADIUS - 1e-6)
     rim = rim[np.argsort(np.arctan2(flat[rim, 1], flat[rim, 0]))]
     out = np.linalg.norm(x[rim, :2], axis=1)
@@ -85,7 +87,7 @@ def _folds(flat: np.ndarray, x: np.ndarray) -> int:
 
 
 def pulled(fabric: Fabric, kind: str, spacing: float, degrees: float, settings: Settings) -> float:
-    """Young's modulus [N/m] of a strip of 4 x 20 cm at an angle to the warp, from a load on its lower edge."""
+    """Return Young's modulus [N/m] of a strip of 4 x 20 cm at an angle to the warp, from a load on its lower edge."""
     flat, triangles = strip(kind, _LENGTH, _WIDTH, spacing)
     below = np.column_stack([flat[:, 1], np.zeros(len(flat)), -flat[:, 0]])
     share = np.bincount(triangles.ravel(), np.repeat(np.abs(areas(flat, triangles)), 3), len(flat)) / 3.0
@@ -106,17 +108,17 @@ def pulled(fabric: Fabric, kind: str, spacing: float, degrees: float, settings: 
 
 
 def modulus(fabric: Fabric, degrees: float) -> float:
-    """Young's modulus [N/m] of an orthotropic sheet at an angle to the warp."""
+    """Return Young's modulus [N/m] of an orthotropic sheet at an angle to the warp."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     mixed = 1.0 / fabric.shear - 2.0 * fabric.poisson / fabric.warp
     return 1.0 / (c**4 / fabric.warp + s**4 / fabric.weft + mixed * (c * s) ** 2)
 
 
 def overhung(fabric: Fabric, kind: str, degrees: float, spans: int, settings: Settings) -> float:
-    """Rigidity [N m] of a strip at 0, 45 or 90 degrees to the warp that hangs over an edge, by the heavy elastica.
+    """Return the rigidity [N m] of a strip that hangs over an edge, by the heavy elastica.
 
-    It is twice as long as its bending length, so that it slopes by about 41.5 degrees, as by Peirce. `spans`: spacings
-    along it.
+    degrees: 0, 45 or 90 from the warp. spans: number of spacings along the strip. It is twice as long as its bending
+    length, so that it slopes by about 41.5 degrees, as in Peirce's test.
     """
     rigidity = {0.0: fabric.bend_warp, 45.0: fabric.bend_diagonal, 90.0: fabric.bend_weft}[degrees]
     weight = fabric.areal_mass * G
@@ -134,9 +136,10 @@ def overhung(fabric: Fabric, kind: str, degrees: float, spans: int, settings: Se
 
 
 def sheared(fabric: Fabric, kind: str, spacing: float, settings: Settings) -> float:
-    """Shear modulus [N/m] of a square whose sides are hands, along warp and weft, which lean about the lower corners.
+    """Return the shear modulus [N/m] of a square in a frame of four hands, whose sides tilt about the lower corners.
 
-    What the hands work per angle and area is the shear stress. The lower side stays.
+    The shear stress is the work of the hands per angle and area. Warp and weft lie along the sides. The lower side
+    stays.
     """
     flat, triangles = strip(kind, _FRAME, _FRAME, spacing)
     cloth = Cloth.from_mesh(np.column_stack([flat, np.zeros(len(flat))]), triangles, fabric, pins=None, bending="none")
@@ -161,13 +164,13 @@ def sheared(fabric: Fabric, kind: str, spacing: float, settings: Settings) -> fl
 
 
 def _slope(load: float) -> float:
-    """Height over reach of the tip of a strip that hangs over an edge; load: weight x length^3 / rigidity [-]."""
+    """Return height over reach of the tip of a strip over an edge; load: weight x length^3 / rigidity [-]."""
     out, down = heavy_elastica(1.0, 1.0, load, 2)[-1]
     return float(down / out)
 
 
 def _at_rest(cloth: Cloth, settings: Settings) -> np.ndarray:
-    """Positions (N, 3) [m] of a strip that has come to rest."""
+    """Return the positions (N, 3) [m] of a strip that has come to rest."""
     sim = Simulation(Scene({"strip": cloth}), replace(settings, global_damping=DRAG_OF_STRIPS), device="cpu")
     for _ in range(_FRAMES):
         sim.step()

@@ -11,7 +11,7 @@ _JITTER = 0.3  # part of the spacing by which vertices of an irregular mesh are 
 
 
 def disc(kind: str, radius: float, support: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 2) [m] and triangles of a disc, with vertices along the edge of a round support.
+    """Return points (N, 2) [m] and triangles of a disc, with vertices along the edge of a round support.
 
     kind: rings of vertices, a hexagonal lattice, or an irregular mesh between both circles.
     """
@@ -33,7 +33,10 @@ def disc(kind: str, radius: float, support: float, spacing: float) -> tuple[np.n
 
 
 def strip(kind: str, length: float, width: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 2) [m] and triangles of a strip along x, with straight ends: hexagonal, irregular, or cut one way."""
+    """Return points (N, 2) [m] and triangles of a strip along x with straight ends.
+
+    kind: hexagonal, irregular, or cut one way.
+    """
     nx, ny = round(length / spacing), max(2, round(width / spacing))
     column, row = (each.ravel() for each in np.meshgrid(np.arange(nx + 1), np.arange(ny + 1)))
     points = np.column_stack([column * length / nx, row * width / ny])
@@ -46,19 +49,19 @@ def strip(kind: str, length: float, width: float, spacing: float) -> tuple[np.nd
 
 
 def circle(radius: float, count: int) -> np.ndarray:
-    """(count, 2) points [m] around the origin."""
+    """Return points (count, 2) [m] on a circle around the origin."""
     angle = 2.0 * np.pi * np.arange(count) / count
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Signed areas (T,) [m^2] of triangles over points (N, 2)."""
+    """Return the signed areas (T,) [m^2] of triangles over points (N, 2)."""
     first, second = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
     return 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
 def _sound(points: np.ndarray) -> np.ndarray:
-    """Delaunay triangles of points (N, 2) without those between vertices in a row along the border."""
+    """Return Delaunay triangles of points (N, 2), without those between vertices in a row along the border."""
     triangles = Delaunay(points).simplices
     size = np.abs(areas(points, triangles))
     return triangles[size > 1e-3 * np.median(size)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bodies of the hard cases, and the energy they hold, written from the equations and not from the solver."""
+"""Bodies of the hard cases, and their energy, written from the equations and not from the solver."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ KINDS = ("sheet", "sheet with bending springs", "sheet with bending", "rope", "r
 
 
 def is_rope(kind: str) -> bool:
-    """Whether a kind of body is a rope."""
+    """Return True if a kind of body is a rope."""
     return kind.startswith("rope")
 
 
 def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str = "hung", **fields) -> Cloth | Rope:
-    """A sheet of 0.9 m with springs of 0.1 m, or a rope of 1 m, of 0.2 kg, in the plane z = 0 around the origin.
+    """Make a sheet of 0.9 m with springs of 0.1 m, or a rope of 1 m, of 0.2 kg, in the plane z = 0 around the origin.
 
-    compliance [m/N] of each of its springs. ratio: a load at the end of a rope over its own mass. pins: "hung" by two
-    corners or one end, "both" sides or ends, or "none".
+    compliance [m/N]: that of each of its springs. ratio: mass of a load at the end of a rope over its own mass. pins:
+    "hung" by two corners or one end, "both" sides or ends, or "none".
     """
     if is_rope(kind):
         masses = np.full(SEGMENTS + 1, 0.2 / SEGMENTS)
@@ -60,18 +60,18 @@ def make_body(kind: str, compliance: float = 1e-4, ratio: float = 0.0, pins: str
 
 
 def bends_by_angles(body: Cloth | Rope) -> bool:
-    """Whether a body is a rope that resists bending, which explicit steps lack."""
+    """Return True if a body is a rope that resists bending, which explicit steps lack."""
     return isinstance(body, Rope) and body.bend_compliance is not None
 
 
 def inverse_mass(sim: Simulation) -> np.ndarray:
-    """Of every particle (N,) [1/kg], 0 where it is pinned."""
+    """Return the inverse mass of every particle (N,) [1/kg], 0 for pinned ones."""
     arrays, span, _ = sim.device_arrays(BODY)
     return arrays.state.positions[span].numpy()[:, 3].astype(np.float64)
 
 
 def substep_of(sim: Simulation) -> float:
-    """Length of a substep of the body [s]."""
+    """Return the length of a substep of the body [s]."""
     return sim.settings.frame_dt / sim.choices[BODY].substeps
 
 
@@ -89,21 +89,22 @@ class Energy:
         self._stretch = np.repeat([name != "bending" for name in kinds], [len(kind[1]) for kind in kinds.values()])
 
     def lengths(self, x: np.ndarray) -> np.ndarray:
-        """Of all springs (S,) [m]."""
+        """Return the lengths of all springs (S,) [m]."""
         return np.linalg.norm(x[self.pairs[:, 1]] - x[self.pairs[:, 0]], axis=1)
 
     def strain(self, x: np.ndarray) -> float:
-        """How far structural and shear springs are from their rest lengths, RMS over all of them."""
+        """Return the RMS strain [-] of structural and shear springs."""
         return float(np.sqrt((self._strains(x) ** 2).mean()))
 
     def _strains(self, x: np.ndarray) -> np.ndarray:
         return np.abs(self.lengths(x) / self.rest - 1.0)[self._stretch]
 
     def fold(self, x: np.ndarray) -> float:
-        """The strain of the equilibrium of springs and weight that lies downhill from x, by L-BFGS in float64.
+        """Return the strain of the equilibrium of springs and weight downhill from x, by L-BFGS in float64.
 
-        Nothing keeps a sheet from passing through itself. Thrown together it may come to lie in a fold in which its
-        springs hold one another strained, as a sheet of real springs would. 0 if nothing but the rest shape holds it.
+        Nothing keeps a sheet from passing through itself. A crumpled sheet may come to rest in a fold in which its
+        springs hold one another strained, as a sheet of real springs would. The strain is 0 if only the rest shape
+        holds it.
         """
         free = self.inverse_mass > 0.0
         finite = np.where(self._rigid, 0.0, self._constant)
@@ -129,7 +130,10 @@ class Energy:
         return self.strain(at)
 
     def at_start(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
-        """As `of`, with all that springs can set free; a rigid body has to be back in shape one substep later."""
+        """Return the two energies [J] of `of`, with all that springs can release.
+
+        A rigid body has to regain its shape within one substep; the kinetic energy of that counts.
+        """
         kinetic = 0.5 * float(self._masses @ (v * v).sum(1))
         constant = np.where(self._rigid, 0.0, self._constant)
         elastic = 0.5 * float(constant @ (self.lengths(x) - self.rest) ** 2) + self._bending(x)
@@ -138,12 +142,12 @@ class Energy:
         return kinetic + elastic, self.height(x)
 
     def of(self, x: np.ndarray, v: np.ndarray, residual: float = 0.0) -> tuple[float, float]:
-        """Kinetic and elastic energy together, and that of gravity with zero at the origin [J].
+        """Return kinetic plus elastic energy, and the energy of gravity with zero at the origin [J].
 
-        residual [m]: what iterations left of C + compliance x force. A spring of constant k that is C too long then
-        pulls by no more than k C and by no less than k (|C| - residual). It is force that sets energy free, and a sweep
-        that leaves a residual is a softer spring. Of first order it is a step x' = 2 p x - p x_before, which keeps (1 -
-        p) x^2 + p (x - x_before)^2. There 1 - p is below what the spring's own constant has.
+        residual [m]: error that iterations leave in C + compliance x force. A spring of constant k that is C too long
+        then pulls by no more than k C and by no less than k (|C| - residual). Only force releases energy, so a sweep
+        that leaves a residual acts as a softer spring. A first-order step is x' = 2 p x - p x_before, which keeps (1 -
+        p) x^2 + p (x - x_before)^2. There 1 - p is below that of the spring's own constant.
         """
         if self._sim.choices[BODY].method == "verlet":
             v = v + 0.5 * self._h * self._acceleration(x)  # leapfrog's velocities are half a substep old
@@ -153,7 +157,7 @@ class Energy:
         return kinetic + elastic, self.height(x)
 
     def height(self, x: np.ndarray) -> float:
-        """Energy of gravity with zero at the origin [J]."""
+        """Return the energy of gravity with zero at the origin [J]."""
         return float(self._masses @ -(x @ np.asarray(self._sim.scene.gravity)))
 
     def _acceleration(self, x: np.ndarray) -> np.ndarray:
@@ -167,17 +171,18 @@ class Energy:
         return (self.inverse_mass > 0.0)[:, None] * (force / self._masses[:, None] + self._sim.scene.gravity)
 
     def momentum(self, v: np.ndarray) -> float:
-        """Along z [kg m/s]."""
+        """Return the momentum along z [kg m/s]."""
         return float(self._masses @ v[:, 2])
 
     def scale(self) -> float:
-        """What gravity can give over a metre [J]."""
+        """Return the energy that gravity releases over a metre [J]."""
         return float(self._masses.sum() * np.linalg.norm(self._sim.scene.gravity))
 
     def longest_step(self, damping: float) -> float:
-        """The longest substep [s] at which leapfrog is stable: w^2 (h^2 + 2 h tau) < 4, tau = `damping` [s].
+        """Return the longest substep [s] at which leapfrog is stable: w^2 (h^2 + 2 h tau) < 4, tau = `damping` [s].
 
-        At rest, or in any shape where wind crumples the body: as if all its springs lay along one line.
+        It holds near the rest shape. With wind, which crumples the body, it holds in any shape, as if all springs were
+        collinear.
         """
         x = self._sim.rest_positions(BODY).astype(np.float64)
         n = (x[self.pairs[:, 1]] - x[self.pairs[:, 0]]) / self.lengths(x)[:, None]
@@ -192,18 +197,20 @@ class Energy:
         return 4.0 / square / (damping + math.sqrt(damping**2 + 4.0 / square))
 
     def rounding_heat(self) -> float:
-        """Kinetic energy a mass and second [m^2/s^3] that the rounding of lengths in float32 gives explicit steps."""
+        """Return the kinetic energy per mass and second [m^2/s^3] that float32 lengths add in explicit steps."""
         highest = 2.0 / self.longest_step(0.0)
         return (float(self.rest.mean()) * 2.0**-24) ** 2 / 3.0 * highest**3 / 8.0
 
     def _bending(self, x: np.ndarray) -> float:
-        """Of the share of the rigidity that acts."""
+        """Return the energy of bending [J], of the share of the rigidity that acts."""
         return 0.5 * self._sim.choices[BODY].bending_share * float((x * (self._bends @ x)).sum())
 
 
 def _bending_matrix(sim: Simulation) -> sparse.csr_array:
-    """(N, N) [N/m], whose quadratic form is twice the energy of bending [J]: of the joints of a rope, or the plate
-    operator of a flat sheet."""
+    """Return the matrix (N, N) [N/m] whose quadratic form is twice the energy of bending [J].
+
+    It is that of the joints of a rope, or the plate operator of a flat sheet.
+    """
     body = sim.scene.objects[BODY]
     count = len(sim.masses(BODY))
     if not body.bend_compliance or (isinstance(body, Cloth) and body.bending == "springs"):

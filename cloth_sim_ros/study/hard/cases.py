@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hard cases as data: which trial, on which bodies, over which options.
+"""The hard cases as data: their trials, bodies and options.
 
 To add a case, add its row to CASES and the function that makes its trial from the options of one combination.
 """

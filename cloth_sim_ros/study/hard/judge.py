@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs one combination of case, body, method and parameters, and says what it did not keep."""
+"""Run one combination of case, body, method and parameters, and report the promises that it broke."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DEEPEST = 1e-4  # [m]
 
 @dataclass(frozen=True)
 class Combination:
-    """What one run is made of; `seed` draws what the options leave open."""
+    """The choices of one run; `seed` draws those that the options leave open."""
 
     case: str
     kind: str
@@ -49,10 +49,11 @@ class Combination:
 
 @dataclass(frozen=True)
 class Verdict:
-    """outcome: "held", "refused" (as is guaranteed: it had no other way, said so, and changed nothing) or "failed".
+    """Outcome of a run: "held", "refused" or "failed".
 
-    why: of the latter two. residual [m] that the run reported at its end. substeps it ran with. fold: the strain of the
-    fold that it came to lie in (see Energy.fold).
+    A refusal is allowed if the method has no other way, says so, and changes nothing. why: the reason of the latter
+    two. residual [m]: that of the run at its end. substeps: those of the run. fold: strain of the fold in which the
+    body came to rest (see Energy.fold).
     """
 
     outcome: str
@@ -63,7 +64,10 @@ class Verdict:
 
 
 def combinations(seed: int, names: list[str] | None = None, methods: list[str] | None = None) -> Iterator[Combination]:
-    """All of them: every case, kind of body, method and entry of the case's grid, the rest drawn from `seed`."""
+    """Yield every case, kind of body, method and entry of the case's grid; `seed` draws the other choices.
+
+    names, methods: those of cases and methods to yield, or None for all.
+    """
     random = np.random.default_rng(seed)
     for case in CASES.values():
         for kind, method, options in itertools.product(case.kinds, METHODS, _grid(case)):
@@ -78,9 +82,9 @@ def _grid(case: Case) -> list[dict[str, Any]]:
 
 
 def make_trial(combination: Combination) -> Trial:
-    """The trial of a combination, all drawn.
+    """Make the trial of a combination, with all choices drawn.
 
-    Scenes with colliders have one of each shape, the others a kilometre away: all of them share their kernels then.
+    A scene with colliders has one of each shape, the unused ones a kilometre away, so that all share their kernels.
     """
     random = np.random.default_rng(combination.seed)
     trial = CASES[combination.case].trial(combination.kind, combination.options, random)
@@ -93,7 +97,7 @@ def make_trial(combination: Combination) -> Trial:
 
 
 def judge(combination: Combination, device: str) -> Verdict:
-    """Run a combination on a device and hold it against what its case promises."""
+    """Run a combination on a device and compare it with the promises of its case."""
     options, trial = combination.options, make_trial(combination)
     numbers = {name: options[name] for name in ("substeps", "iterations")}
     settings = {"frame_dt": trial.frame_dt, **numbers, **METHODS[combination.method]}
@@ -111,7 +115,10 @@ def judge(combination: Combination, device: str) -> Verdict:
 
 
 def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
-    """ "" if a refusal of method verlet is right: one sentence, and what it lacks is there or the step is unstable."""
+    """Return "" if a refusal of method verlet is justified, else what is wrong with it.
+
+    A justified refusal is one sentence. The scene has what the method lacks, or the step is unstable.
+    """
     body = trial.scene.objects[BODY]
     if "; allowed is " not in refusal or "\n" in refusal or ". " in refusal:
         return f"not one sentence that says what is allowed: {refusal}"
@@ -131,7 +138,7 @@ def _unfounded(refusal: str, trial: Trial, settings: dict) -> str:
 
 
 def obliging(refusal: str, scene: Scene, settings: dict, device: str) -> Simulation | None:
-    """The same with the substeps that a refusal asks for; None where no number or too large a one would do."""
+    """Return a simulation with the substeps that a refusal requires; None if it names no number, or too large a one."""
     needed = re.search(r"at least (\d+) ", refusal)
     if needed is None or int(needed[1]) > MOST_SUBSTEPS:
         return None
@@ -139,12 +146,12 @@ def obliging(refusal: str, scene: Scene, settings: dict, device: str) -> Simulat
 
 
 def keeps_state(sim: Simulation, substeps: int) -> str:
-    """ "" if a running simulation refuses too few substeps as well and stays as it is, to the bit."""
+    """Return "" if a running simulation refuses too few substeps as well and keeps its state to the bit."""
     return _stays(sim, "solver.substeps", substeps)
 
 
 def keeps_soft_state(scene: Scene, settings: dict, device: str) -> str:
-    """ "" if a running simulation of a soft body refuses to become what `scene` holds, and stays as it is."""
+    """Return "" if a running simulation of a soft body refuses the stiffness of `scene` and keeps its state."""
     body = scene.objects[BODY]
     if bends_by_angles(body):
         return ""  # bending by angles is there from the start or never
@@ -168,12 +175,11 @@ def _stays(sim: Simulation, name: str, value: float) -> str:
 
 
 def _shape(sim: Simulation, trial: Trial, energy: Energy, x: np.ndarray) -> tuple[str, float]:
-    """What is wrong with the shape at the end or "", then `fold` of the verdict.
+    """Return what is wrong with the final shape or "", and `fold` of the verdict.
 
-    Springs are at rest within trial.rest RMS, beyond what the same settings have after the same time from the rest
-    shape, driven as at the trial's end, which is gravity's. Here alone an exception is made. Nothing keeps a sheet from
-    passing through itself, and a fold in which its springs are in equilibrium is one of its shapes at rest. The strain
-    of that is allowed as well.
+    Springs may be strained by trial.rest RMS more than after a good start: the same time from the rest shape, with the
+    same settings, driven as at the trial's end. Nothing keeps a sheet from passing through itself. A fold in which its
+    springs are in equilibrium is thus one of its shapes at rest, and the strain of that fold is allowed as well.
     """
     sim.reset()
     for _ in range(trial.frames):
@@ -190,7 +196,7 @@ def _shape(sim: Simulation, trial: Trial, energy: Energy, x: np.ndarray) -> tupl
 
 
 def watch(sim: Simulation, trial: Trial) -> Verdict:
-    """Run a trial and name the first thing that it does not keep."""
+    """Run a trial and report the first promise that it breaks."""
     trial.begin(sim)
     energy = Energy(sim)
     x, v = (read(BODY).astype(np.float64) for read in (sim.positions, sim.velocities))

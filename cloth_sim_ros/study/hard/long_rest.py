@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ten minutes of simulated time after a fall: what lies must come to lie still."""
+"""Ten minutes of simulated time after a fall, in which a body must come to rest."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ MOST_ENERGY, MOST_DRIFT = 1e-6, 1e-5  # [J] at the end, [m] over the last minute
 
 
 def sheet_over_a_ball() -> Scene:
-    """Beside the middle of the ball, so that no symmetry holds it; half of it hangs down."""
+    """A sheet that falls off-centre on a ball, so that no symmetry holds it; half of it hangs down."""
     return Scene(
         {BODY: Cloth(resolution=(20, 20), pins=None, position=(0.013, 0.007, 0.35))}, {"ball": Sphere(radius=0.25)}
     )
 
 
 def rope_in_a_heap() -> Scene:
-    """Let fall as a coil."""
+    """A coiled rope that falls on a floor."""
     t = np.linspace(0.0, 1.0, 65)
     turn = 8.0 * np.pi * t
     points = np.stack([0.08 * np.cos(turn), 0.08 * np.sin(turn), 0.05 + 0.4 * t], axis=1)
@@ -38,7 +38,7 @@ SETTINGS = {
 
 
 def run(device: str) -> int:
-    """Print energy and drift of each scene by each method, minute by minute; 1 if one did not come to rest."""
+    """Print energy and drift of each scene by each method, minute by minute; return 1 if one did not come to rest."""
     failed = 0
     for scene, make in SCENES.items():
         for label, settings in SETTINGS.items():
@@ -50,7 +50,7 @@ def run(device: str) -> int:
 
 
 def rest(sim: Simulation, minutes: int) -> tuple[float, float, int]:
-    """Kinetic energy [J] at the end, how far [m] any particle moved over the last minute, times put back."""
+    """Return the final kinetic energy [J], the largest drift [m] over the last minute, and the recoveries."""
     sim.step((minutes - 1) * FRAMES_A_MINUTE)
     before = sim.positions(BODY).astype(np.float64)
     sim.step(FRAMES_A_MINUTE)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs many combinations: those that share kernels behind one another, in one process or in several."""
+"""Run many combinations, those with the same kernels one after another, in one process or in several."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Numbered = tuple[int, Combination]
 
 
 def kernels_of(combination: Combination) -> tuple:
-    """What decides which kernels a combination needs: alike ones are compiled once."""
+    """Return the properties of a combination that select its kernels; equal ones compile once."""
     scene = make_trial(combination).scene
     body, shapes = scene.objects[BODY], shapes_of(scene.colliders.values())
     method = METHODS[combination.method]
@@ -27,7 +27,7 @@ def kernels_of(combination: Combination) -> tuple:
 
 
 def grouped(every: list[Combination]) -> list[list[Numbered]]:
-    """Numbered combinations in groups that share kernels, the largest group first."""
+    """Return numbered combinations in groups that share kernels, the largest group first."""
     groups: dict[tuple, list[Numbered]] = {}
     for number, combination in enumerate(every):
         groups.setdefault(kernels_of(combination), []).append((number, combination))
@@ -35,7 +35,14 @@ def grouped(every: list[Combination]) -> list[list[Numbered]]:
 
 
 def run_all(groups: list[list[Numbered]], device: str, jobs: int, done: Callable[[Combination, Verdict], None]) -> dict:
-    """Number -> verdict of all combinations, a group to a process of `jobs`; `done` hears of each when it is known."""
+    """Return number -> verdict of all combinations.
+
+    Args:
+        groups: Combinations, a group to a process.
+        device: Where they run.
+        jobs: Number of processes.
+        done: Called with each combination and its verdict when it is known.
+    """
     found: dict[int, Verdict] = {}
     if jobs == 1:
         for number, combination in itertools.chain(*groups):
@@ -52,7 +59,7 @@ def run_all(groups: list[list[Numbered]], device: str, jobs: int, done: Callable
 
 
 def quietly() -> None:
-    """What a process begins with: Warp does not tell of every kernel."""
+    """Silence Warp's reports of kernels, as each process begins."""
     wp.config.log_level = wp.LOG_WARNING
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a trial is: a scene, what is done to it while it runs, and what must hold."""
+"""A trial of a hard case: a scene, the actions on it while it runs, and the conditions it must keep."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ def _nothing(sim: Simulation, frame: int = 0) -> None:
 
 
 def fine(sim: Simulation) -> str:
-    """Nothing went wrong, wherever a body came to be."""
+    """Return "": nothing is checked at the end."""
     return ""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One run: `begin` once, then `drive` before every frame; and what it promises besides being finite.
+    """One run: `begin` once, then `drive` before every frame; and its promises besides staying finite.
 
-    conserves: nothing outside does work but gravity and a collider that moves with `velocity`(frame) [m/s]. So energy
-    never grows beyond that and the share `slack`. rest: strain at the end. fastest [m/s]: of any particle. jump [m]: of
-    pins between frames, which takes particles along within a substep. outside: no particle ends a frame deeper than a
-    tenth of a millimetre in a collider. finally_: "" or what went wrong.
+    conserves: only gravity does work, and a collider that moves with `velocity`(frame) [m/s]. Energy never grows beyond
+    that by more than the share `slack`. rest: strain at the end. fastest [m/s]: bound of the speed of a particle. jump
+    [m]: move of pins between frames, which takes particles along within a substep. outside: no particle ends a frame
+    deeper than a tenth of a millimetre in a collider. finally_: returns "" or what went wrong.
     """
 
     scene: Scene

@@ -19,7 +19,7 @@ LYING = math.sqrt(0.5)
 
 
 def meshed_ball(radius: float, **place) -> Mesh:
-    """An octahedron whose triangles were cut into four each three times, its corners on a ball."""
+    """A ball as a mesh: an octahedron whose triangles are split into four each three times, its corners on a ball."""
     corners = np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     for _ in range(3):
@@ -34,7 +34,7 @@ def meshed_ball(radius: float, **place) -> Mesh:
 
 
 def ball_of_distances(radius: float, **place) -> SignedDistance:
-    """A ball as distances on a grid of as many steps across as a mesh is baked in."""
+    """A ball as signed distances on a grid with as many steps across as a mesh is baked in."""
     step = 2 * radius / CELLS
     ends = (-radius - 2 * step,) * 3
     values = np.linalg.norm(np.indices((CELLS + 5,) * 3) - (CELLS + 4) / 2, axis=0) * step - radius
@@ -59,10 +59,10 @@ TOP = {
 
 
 def fast_collider(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Straight up through a free body within a few frames, then it stands still.
+    """A collider that moves straight up through a free body within a few frames, then stands still.
 
-    It gives its speed times the momentum of the body, and nothing is launched. In few substeps contact stretches
-    springs before they can pull, and what they then give back came to 6 % more than that once: a tenth is allowed.
+    The work on the body is the collider's speed times the body's momentum, and nothing is launched. In few substeps
+    contact stretches springs before they can pull. Their return added 6 % to that once, so a tenth is allowed.
     """
     shape, speed, radius = options["shape"], options["speed"], 0.005
     middle = 0.0 if is_rope(kind) else 0.05  # where a particle is
@@ -91,7 +91,7 @@ def fast_collider(kind: str, options: Options, random: np.random.Generator) -> T
 
 
 def teleport(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """A collider placed into the body, past it, or taken away from below it: placed, not moved, it has no speed."""
+    """A collider placed, without speed, into the body, past it, or away from below it."""
     shape, where = options["shape"], options["where"]
     height = {"into": -0.3 * TOP[shape], "through": 0.05 if shape == "plane" else 0.5, "away": -0.01 - TOP[shape]}[
         where
@@ -111,13 +111,13 @@ def teleport(kind: str, options: Options, random: np.random.Generator) -> Trial:
 
 
 def out(sim: Simulation) -> str:
-    """No particle is left in or behind a collider."""
+    """Return "" if no particle is left in or behind a collider."""
     depth = sim.report()[BODY]["particle_penetration"]
     return f"still {depth:.3g} m deep" if depth > 1e-4 else ""
 
 
 def squeeze(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Two faces close on the body until half of what it needs is left between them, hold and open again."""
+    """Two faces close on the body until half of its thickness is left between them, hold and open again."""
     shape, radius = options["shape"], 0.01
     body = make_body(kind, pins="none", thickness=radius, damping=2e-3)
     above = SHAPES[shape](position=(0.0, 0.0, 0.1 + TOP[shape]))
@@ -134,7 +134,7 @@ def squeeze(kind: str, options: Options, random: np.random.Generator) -> Trial:
 
 
 def sharp_edge(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Dragged over the edge of a box that is five times finer than the springs are long."""
+    """A body across the edge of a box that moves to and fro; its thickness is less than half of a spring's length."""
     half, radius, spacing = np.array([0.2, 0.6, 0.2]), 0.02 if not is_rope(kind) else 0.4 / SEGMENTS, 0.1
     body = make_body(kind, pins="none", thickness=radius, position=(0.25, 0.0, 0.2 + 1.1 * radius))
     scene = Scene({BODY: body}, {"it": Box(half_extents=tuple(half))})
@@ -156,7 +156,7 @@ def sharp_edge(kind: str, options: Options, random: np.random.Generator) -> Tria
 
 
 def _depth(sim: Simulation, middle: np.ndarray, half: np.ndarray, radius: float) -> float:
-    """How deep the edges of the body lie [m] within `radius` of a box of half extents `half`, at 21 points of each."""
+    """Return how deep [m] the body's edges lie within `radius` of a box, at 21 points of each edge."""
     x, t = sim.positions(BODY) - middle, np.linspace(0.0, 1.0, 21)[:, None, None]
     kinds = sim.springs(BODY)
     pairs = np.concatenate([kind[0] for name, kind in kinds.items() if name != "bending"])
@@ -165,7 +165,7 @@ def _depth(sim: Simulation, middle: np.ndarray, half: np.ndarray, radius: float)
 
 
 def centre(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """A particle exactly where the nearest surface has no direction: middle of a ball, axis of a capsule, box."""
+    """A particle at the centre of a collider, where the nearest surface has no direction."""
     middle = (0.05, 0.05, 0.0) if not is_rope(kind) else (0.0, 0.0, 0.0)
     shape = {
         "sphere": Sphere(radius=0.04, position=middle),

@@ -14,7 +14,7 @@ from cloth_sim_ros.study.hard.trial import Options, Trial
 
 
 def _carry_pins(sim: Simulation, goal: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Pinned particles go to `goal` of their rest positions; all others stay where they are, with their velocities."""
+    """Move pinned particles to `goal` of their rest positions; the others keep positions and velocities."""
     held, x, v = inverse_mass(sim) == 0.0, sim.positions(BODY).astype(np.float64), sim.velocities(BODY)
     x[held] = goal(sim.rest_positions(BODY)[held].astype(np.float64))
     sim.set_positions(BODY, x)
@@ -22,12 +22,12 @@ def _carry_pins(sim: Simulation, goal: Callable[[np.ndarray], np.ndarray]) -> No
 
 
 def _damp(sim: Simulation) -> None:
-    """Drag, so that the body can be at rest at the end."""
+    """Add drag, so that the body can be at rest at the end."""
     sim.set("solver.global_damping", 2.0)
 
 
 def pulled_pins(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Both sides are pulled apart to twice their distance within half a second, held, and brought back."""
+    """Pins on both sides are pulled apart to twice their distance within half a second, held, and brought back."""
     body = make_body(kind, float(random.choice([0.0, 1e-6, 1e-4])), pins="both", damping=2e-3)
     jump = 0.5 / 30.0
 
@@ -39,7 +39,7 @@ def pulled_pins(kind: str, options: Options, random: np.random.Generator) -> Tri
 
 
 def pins_in_conflict(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Every frame the pins of a rigid or stiff body jump to other places that its springs cannot meet."""
+    """The pins of a rigid or stiff body jump every frame to places that its springs cannot meet."""
     body = make_body(kind, options["compliance"], pins="both", damping=2e-3)
 
     def drive(sim: Simulation, frame: int) -> None:
@@ -50,7 +50,7 @@ def pins_in_conflict(kind: str, options: Options, random: np.random.Generator) -
 
 
 def gusts(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """100 m/s that turns around every frame; lift across it and springs that snap back may add their share."""
+    """Wind of 100 m/s that reverses every frame; lift across it and springs that snap back may add their share."""
     direction = random.standard_normal(3)
     direction /= np.linalg.norm(direction)
     scene = Scene({BODY: make_body(kind, pins=options["pins"], damping=1e-3)}, wind=Wind((0, 0, 0)))

@@ -11,7 +11,7 @@ from cloth_sim_ros.study.hard.trial import Options, Trial
 
 
 def same_bits(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Dropped over a ball: again after a reset, and again by another simulation, to the bit."""
+    """A drop over a ball must repeat to the bit: after a reset, and in another simulation."""
     middle = (0.05, 0.02, -0.2)
     scene = Scene({BODY: make_body(kind, pins="none", damping=2e-3)}, {"it": Sphere(radius=0.15, position=middle)})
 
@@ -28,8 +28,7 @@ def same_bits(kind: str, options: Options, random: np.random.Generator) -> Trial
 
 
 def gone_bad(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """One of three bodies gets a value that is not finite: it alone is put back; the others stay as without, to the
-    bit."""
+    """One of three bodies gets a value that is not finite: only it is put back, and the others keep their bits."""
     body = make_body(kind, pins="hung", damping=2e-3)
     names = ("first", BODY, "last")
     scene = Scene({name: body for name in names})

@@ -16,7 +16,7 @@ SETTLED = 4.0  # [1/s] of drag, of the 6.3 that a pendulum of 1 m takes to be cr
 
 
 def _place(sim: Simulation, move: Callable[[np.ndarray], np.ndarray]) -> None:
-    """Free particles go where `move` says; pinned ones stay."""
+    """Move free particles as `move` says; pinned ones stay."""
     rest = sim.rest_positions(BODY).astype(np.float64)
     x = move(rest.copy())
     held = inverse_mass(sim) == 0.0
@@ -34,8 +34,10 @@ STARTS: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
 
 
 def bad_start(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Damped as a rope or cloth is, so that it can be at rest two seconds later. With a load it is damped near
-    critically as a pendulum, since a load that is flung about jerks its rope."""
+    """A body let go from a hard start, damped as a rope or cloth is, so that it can be at rest two seconds later.
+
+    With a load it is damped near critically as a pendulum, since a flung load jerks its rope.
+    """
     ratio = options.get("ratio", 0.0)
     compliance = _by_load(ratio, 2e-3) if ratio else float(random.choice([0.0, 1e-6, 1e-5, 1e-4]))
     body = make_body(kind, compliance, ratio, damping=float(random.choice([2e-3, 1e-2])))
@@ -50,12 +52,12 @@ def bad_start(kind: str, options: Options, random: np.random.Generator) -> Trial
 
 
 def _by_load(ratio: float, strain: float) -> float:
-    """The compliance [m/N] at which a hanging load of `ratio` times the rope strains its springs by `strain`."""
+    """Return the compliance [m/N] at which a hanging load of `ratio` times the rope strains its springs by `strain`."""
     return strain / SEGMENTS / (0.2 * (1.0 + ratio) * 9.81)
 
 
 def end_load(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """Let go from the side: the pull is up to three weights, and twice that where it comes as a wave."""
+    """A body with a load let go from the side: the pull is up to three weights, and twice that in a wave."""
     scene = Scene({BODY: make_body(kind, _by_load(options["ratio"], 0.01), options["ratio"])})
 
     def strained(sim: Simulation) -> str:
@@ -81,7 +83,7 @@ def degenerate(kind: str, options: Options, random: np.random.Generator) -> Tria
 
 
 def compliance(kind: str, options: Options, random: np.random.Generator) -> Trial:
-    """From rigid to a thousandth of a newton per metre, falling into its pins, the residual reported."""
+    """A body of any compliance, from rigid to 1000 m/N, falls into its pins; it must report its residual."""
 
     def residual(sim: Simulation) -> str:
         found = sim.report()[BODY]["residual"]
