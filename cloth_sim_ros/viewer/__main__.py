@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows a running cloth_sim node in a browser: `cloth_sim_viewer`, or `python -m cloth_sim_ros.viewer`.
+"""Show a running cloth_sim node in a browser: `cloth_sim_viewer`, or `python -m cloth_sim_ros.viewer`.
 
 SIGINT and SIGTERM end it with status 0. Its own parameters: see PARAMETERS.
 """
@@ -27,7 +27,7 @@ PARAMETERS = {
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serves the page until a signal comes; returns the exit status. Raises no exception."""
+    """Serve the page until a signal comes; return the exit status. Raises no exception."""
     stop = Stop()
     if lack := missing("viser"):
         print(f"cloth_sim_viewer: {lack}", file=sys.stderr)
@@ -49,7 +49,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def serve(stop: Stop) -> int:
-    """Runs node and page until `stop` is set."""
+    """Run node and page until `stop` is set; return the exit status.
+
+    Raises ValueError for parameters that are not allowed.
+    """
     import warp
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.node import Node
@@ -82,7 +85,7 @@ def serve(stop: Stop) -> int:
 
 
 def check_address(host: str, port: int) -> None:
-    """Raises ValueError, in one sentence, where nothing can be served there; a port that is in use may be given."""
+    """Raise ValueError in one sentence if no page can be served there. A port in use is allowed."""
     if not 0 < port < 65536:
         raise ValueError(f"port is {port}; allowed is a whole number from 1 to 65535")
     try:

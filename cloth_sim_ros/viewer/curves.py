@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts that roll: the last seconds of a few numbers."""
+"""Rolling charts of the last seconds of a few numbers."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ _MOST = 2000  # samples that a chart keeps
 
 
 class Curves:
-    """One chart of the curves `labels`, over time [s] or whatever `add` is given.
+    """One chart of the curves `labels`, over time [s] or another x that `add` gets.
 
-    log: the range of a logarithmic axis; a curve leaves the chart where it leaves the range. span: how much of the x
-    axis is kept.
+    log: the range of a logarithmic axis; values outside of it are not drawn. span: length of the x axis that is kept.
     """
 
     def __init__(
@@ -41,7 +40,7 @@ class Curves:
         self._chart = make_chart(gui, title, "s", labels, colours, log is not None)
 
     def add(self, x: float, values: Sequence[float]) -> None:
-        """One sample: `values` in the order of the labels, nan where there is none. Draws now and then."""
+        """Add one sample: `values` in the order of the labels, NaN for a missing one. Redraw if it is time."""
         if self._rows and x < self._rows[-1][0]:
             self.clear()
         self._rows.append((x, *values))
@@ -51,7 +50,7 @@ class Curves:
             self.draw()
 
     def draw(self) -> None:
-        """Sends what there is."""
+        """Send all samples to the chart."""
         x, *curves = np.array(self._rows).T
         if self._log is not None:
             low, high = self._log
@@ -60,13 +59,13 @@ class Curves:
         self._drawn = x[-1]
 
     def clear(self) -> None:
-        """Forgets all samples."""
+        """Delete all samples."""
         self._rows.clear()
         self._drawn = -np.inf
 
     @property
     def data(self) -> tuple[np.ndarray, ...]:
-        """What is drawn: x, then each curve."""
+        """Data of the chart: x, then each curve."""
         return self._chart.data
 
 
@@ -78,7 +77,16 @@ def make_chart(
     colours: Sequence[tuple[int, int, int]] = COLOURS,
     log: bool = False,
 ) -> viser.GuiUplotHandle:
-    """A chart of the curves `labels` over `x`, with no data yet. log: a logarithmic axis."""
+    """Return a chart of the curves `labels` over `x`, without data.
+
+    Args:
+        gui: Where the chart goes.
+        title: Its title.
+        x: Label of the x axis.
+        labels: Those of the curves.
+        colours: Those of the curves, in turn.
+        log: True for a logarithmic y axis.
+    """
     lines = [
         uplot.Series(label=label, stroke="rgb({},{},{})".format(*colours[k % len(colours)]), width=2)
         for k, label in enumerate(labels)
@@ -96,7 +104,10 @@ def make_chart(
 
 
 def _without_gaps(curve: np.ndarray) -> np.ndarray:
-    """Without what is not finite at its end; other gaps hold what was there before. uPlot loses its axes by nan."""
+    """Cut values that are not finite from a curve's end, and fill other gaps with the value before.
+
+    With NaN, uPlot loses its axes.
+    """
     known = np.flatnonzero(np.isfinite(curve))
     if not len(known):
         return curve[:0]

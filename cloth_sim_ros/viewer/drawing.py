@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is drawn under one name of a viser scene: cloths, ropes, balls, lines and labels, by name."""
+"""Named objects under one node of a viser scene: cloths, ropes, balls, lines and labels."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Colour = tuple[int, int, int]
 COLOURS: tuple[Colour, ...] = (
     (46, 112, 176), (226, 112, 72), (58, 140, 98), (146, 104, 178), (222, 170, 60), (74, 160, 178),
 )  # fmt: skip
-TO_LAMP = np.array([-0.3, -0.6, 0.7])  # where light comes from, roughly
+TO_LAMP = np.array([-0.3, -0.6, 0.7])  # rough direction to the light
 STEEL: Colour = (150, 156, 168)
 
 
 @dataclass(frozen=True)
 class Drag:
-    """The mouse on an object: `phase` is start, update or end.
+    """A drag of the mouse on an object: `phase` is start, update or end.
 
-    grasped is where on the object it began, pointer where the mouse is now, both (3,) in the world [m].
+    grasped is the point on the object where it began, pointer is the mouse's place now, both (3,) in the world [m].
     """
 
     name: str
@@ -45,9 +45,9 @@ class Click:
 
 
 class Drawing:
-    """Objects by name. What is drawn anew under a name replaces what was there; `clear` removes all.
+    """Objects by name. Drawing under a name again replaces its object; `clear` removes all.
 
-    used(drag or click) is called in the server's thread, in order, where somebody uses the mouse on a cloth or a rope.
+    used(drag or click) is called in the server's thread, in order, for each use of the mouse on a cloth or a rope.
     """
 
     def __init__(self, server: viser.ViserServer, root: str, used: Callable[[Drag | Click], None] = lambda use: None):
@@ -65,10 +65,10 @@ class Drawing:
         half: float = 2e-3,
         rest: np.ndarray | None = None,
     ) -> None:
-        """A sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), checked in front and plain behind.
+        """Draw a sheet of `vertices` (N, 3) [m] and `triangles` (T, 3), checked in front and plain behind.
 
-        half: how far each side is from the middle [m], so that layers do not fight. rest: (N, 3) [m], by which it is
-        checked; the vertices where there is none.
+        half: distance [m] of each side from the middle, so that layers do not fight. rest (N, 3) [m]: positions that
+        place the checks; None takes the vertices.
         """
         vertices, triangles = np.asarray(vertices), np.asarray(triangles)
         shell = Shell(len(vertices), triangles, half)
@@ -81,14 +81,14 @@ class Drawing:
         self._toned(name, shell.vertices, vertices, tones)
 
     def rope(self, name: str, points: np.ndarray, radius: float, colour: Colour) -> None:
-        """A tube of `radius` [m] around `points` (N, 3) [m], of two strands."""
+        """Draw a tube of `radius` [m] around `points` (N, 3) [m], of two strands."""
         faces = tube_faces(len(points))
         dark = strands(faces, len(points))
         tones = [(faces[~dark], colour), (faces[dark], _mixed(colour, 0.6, (255, 255, 255)))]
         self._toned(name, lambda positions: tube_vertices(positions, radius), np.asarray(points), tones)
 
     def body(self, name: str, shape: Callable, positions: np.ndarray, faces: np.ndarray, colour: Colour) -> None:
-        """A body of `faces` (F, 3) whose vertices are shape(positions); nobody drags it."""
+        """Draw a body of `faces` (F, 3) whose vertices are shape(positions). The mouse cannot drag it."""
         self._vertices[name] = shape
         path = self._path(name)
         self.handles[name] = self._server.scene.add_mesh_simple(
@@ -96,7 +96,7 @@ class Drawing:
         )
 
     def net(self, name: str, vertices: np.ndarray, pairs: np.ndarray, colour: Colour) -> None:
-        """Thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m], which `move` moves as cheaply as a cloth's."""
+        """Draw thin lines between `pairs` (E, 2) of `vertices` (N, 3) [m]; `move` moves them at a cloth's cost."""
         count = len(vertices)
         faces = np.concatenate([pairs, count + np.arange(len(pairs))[:, None]], axis=1)
         self._vertices[name] = lambda positions: _slivers(positions, pairs)
@@ -111,9 +111,9 @@ class Drawing:
         )
 
     def move(self, name: str, positions: np.ndarray) -> None:
-        """The particles of a cloth, rope or net are at `positions` (N, 3) [m] now.
+        """Move the particles of a cloth, rope, body or net to `positions` (N, 3) [m].
 
-        A browser draws all that is moved so at the same time, which does not hold for other things, such as labels.
+        A browser draws all that is moved so at the same time, but not other things, such as labels.
         """
         vertices, handle = self._vertices[name](positions), self.handles[name]
         if not isinstance(handle, Parts):
@@ -124,14 +124,14 @@ class Drawing:
                 mesh.vertices = vertices[used]
 
     def ball(self, name: str, radius: float, position: np.ndarray, colour: Colour) -> None:
-        """A ball [m]; `move` moves it to another position (3,)."""
+        """Draw a ball [m]; `move` moves it to another position (3,)."""
         sphere = icosphere(subdivisions=3, radius=radius)
         self._vertices[name] = lambda position: sphere.vertices + position
         path, vertices = self._path(name), sphere.vertices + np.asarray(position)
         self.handles[name] = self._server.scene.add_mesh_simple(path, vertices, sphere.faces, color=colour)
 
     def lines(self, name: str, points: np.ndarray, colours: np.ndarray, thickness: float = 2.0) -> None:
-        """Segments `points` (E, 2, 3) [m], each of a colour (E, 3) of 0 to 255, `thickness` pixels wide."""
+        """Draw segments `points` (E, 2, 3) [m] with colours (E, 3) from 0 to 255, `thickness` pixels wide."""
         colours = np.repeat(np.asarray(colours, np.uint8)[:, None], 2, axis=1)
         if name in self.handles and len(self.handles[name].points) == len(points):
             self.handles[name].points = points
@@ -146,7 +146,7 @@ class Drawing:
         )
 
     def dots(self, name: str, points: np.ndarray, colours: np.ndarray, size: float) -> None:
-        """Round points (N, 3) [m], each of a colour (N, 3) of 0 to 255, of `size` [m]."""
+        """Draw round points (N, 3) [m] with colours (N, 3) from 0 to 255, of `size` [m]."""
         if name in self.handles and len(self.handles[name].points) == len(points):
             self.handles[name].points = points
             self.handles[name].colors = colours
@@ -156,7 +156,7 @@ class Drawing:
         )
 
     def label(self, name: str, text: str, position: np.ndarray) -> None:
-        """Words in the scene."""
+        """Show a text at a position [m] in the scene."""
         if name in self.handles:
             self.handles[name].text, self.handles[name].position = text, tuple(position)
             return
@@ -165,11 +165,11 @@ class Drawing:
         )
 
     def remove(self, name: str) -> None:
-        """Takes one thing away."""
+        """Remove one object."""
         self.handles.pop(name).remove()
 
     def clear(self) -> None:
-        """Takes all of it away."""
+        """Remove all objects."""
         for name in list(self.handles):
             self.remove(name)
 
@@ -177,7 +177,7 @@ class Drawing:
         return f"{self._root}/{name}"
 
     def _toned(self, name: str, shape: Callable[[np.ndarray], np.ndarray], positions: np.ndarray, tones: list) -> None:
-        """A body of several colours: viser has one for each mesh. tones: faces and colour of each."""
+        """Draw a body of several colours, as viser has one for each mesh. tones: faces and colour of each."""
         self._vertices[name], vertices = shape, shape(positions)
         parts = Parts()
         for k, (faces, colour) in enumerate(each for each in tones if len(each[0])):
@@ -202,14 +202,14 @@ class Drawing:
 
 
 class Parts:
-    """Meshes that are one thing: `meshes` has which of its vertices each has, and the mesh."""
+    """Meshes that form one object: `meshes` holds the indices of its vertices that each mesh uses, and the mesh."""
 
     def __init__(self) -> None:
         self.meshes: list[tuple[np.ndarray, Any]] = []
 
     @property
     def faces(self) -> np.ndarray:
-        """All faces (F, 3), as numbers of the thing's vertices."""
+        """All faces (F, 3), as indices of the object's vertices."""
         return np.concatenate([used[mesh.faces] for used, mesh in self.meshes])
 
     @property
@@ -222,7 +222,7 @@ class Parts:
 
     @property
     def visible(self) -> bool:
-        """Whether they are seen."""
+        """True if all meshes are visible."""
         return all(mesh.visible for _, mesh in self.meshes)
 
     @visible.setter
@@ -231,7 +231,7 @@ class Parts:
             mesh.visible = on
 
     def remove(self) -> None:
-        """Takes all of them away."""
+        """Remove all meshes."""
         for _, mesh in self.meshes:
             mesh.remove()
 
@@ -241,6 +241,6 @@ def _mixed(colour: Colour, share: float, other: Colour) -> Colour:
 
 
 def _slivers(positions: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Vertices of a net: the positions, and one beside the middle of each line, to light it by."""
+    """Return the vertices of a net: the positions, and one beside the middle of each line to light it."""
     a, b = positions[pairs[:, 0]], positions[pairs[:, 1]]
     return np.concatenate([positions, 0.5 * (a + b) + 1e-3 * np.cross(TO_LAMP, b - a)])

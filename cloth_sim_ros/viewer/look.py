@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the page looks: light, shadow, ground and camera."""
+"""Look of the page: light, shadow, ground and camera."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FIELD_OF_VIEW = 0.7  # [rad]
 # Width over height of a window below which the panel covers its lower half, as on a phone upright. Its width alone
 # tells nothing, as phones have up to three pixels where a desktop has one.
 NARROW = 0.7
-RAISED, FARTHER = 0.2, 1.8  # there the scene stands higher, by this share of the window, and farther away
+RAISED, FARTHER = 0.2, 1.8  # shifts for a narrow window: up by this share of it, and farther away by this factor
 
 
 LINES = {  # of the ground, and of any plane
@@ -25,7 +25,7 @@ LINES = {  # of the ground, and of any plane
 
 
 def furnish(server: viser.ViserServer) -> None:
-    """Light from the sky and one lamp with shadow, a ground with lines at every half metre, and a docked panel."""
+    """Add light from the sky, one lamp with shadow, a ground with lines at every half metre, and a docked panel."""
     scene, gui = server.scene, server.gui
     scene.set_up_direction("+z")
     scene.configure_environment_map("studio", environment_intensity=0.45)
@@ -41,14 +41,14 @@ def furnish(server: viser.ViserServer) -> None:
 
 
 def look_from(server: viser.ViserServer, position: tuple, at: tuple) -> None:
-    """Puts the camera of everybody who looks, and of who comes, to `position` [m] and has it look `at` [m]."""
+    """Place the camera of all present and future visitors at `position` [m], looking at `at` [m]."""
     server.initial_camera.position, server.initial_camera.look_at = position, at
     for client in server.get_clients().values():
         _frame(client, position, at)
 
 
 def welcome(server: viser.ViserServer, client: viser.ClientHandle) -> None:
-    """Puts the camera of who comes, and again when their window becomes narrow or wide."""
+    """Place the camera of a new visitor, and again when the window becomes narrow or wide."""
     begin = server.initial_camera
     was_narrow = _is_narrow(client.camera)
 
@@ -67,7 +67,7 @@ def _is_narrow(camera: viser.CameraHandle) -> bool:
 
 
 def _frame(client: viser.ClientHandle, position: tuple, at: tuple) -> None:
-    """Puts the camera of one client; in a narrow window what it looks at stands above the panel."""
+    """Place the camera of one client; in a narrow window its target stands above the panel."""
     position, at = np.asarray(position, dtype=float), np.asarray(at, dtype=float)
     if _is_narrow(client.camera):
         way = FARTHER * (at - position)

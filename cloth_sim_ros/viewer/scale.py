@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a number lies on a slider, straight or by powers of ten; and a slider by powers of ten."""
+"""Mapping of a number to a slider, linear or by powers of ten; and a slider by powers of ten."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _TYPING = 45  # looks, of 60 a second, after the last key before what was typed 
 
 @dataclass(frozen=True)
 class Scale:
-    """Where on a slider a value lies: from `low` to `high`, straight or, with `powers`, by powers of ten.
+    """Mapping of values from `low` to `high` to a slider, linear or, with `powers`, by powers of ten.
 
-    floor: the smallest power that has a place of its own; what is below it is `low`, at the left end.
+    floor: the smallest power that has a place of its own; smaller values become `low`, at the left end.
     """
 
     low: float
@@ -37,7 +37,7 @@ class Scale:
 
     @property
     def marks(self) -> tuple[tuple[float, str], ...] | None:
-        """Words below the slider at some of its places."""
+        """Texts below the slider at some of its places."""
         if not self.powers:
             return None
         left, right, _ = self.ends
@@ -48,14 +48,14 @@ class Scale:
         return (*end, *((power, f"1e{power}" if abs(power) > 2 else f"{10.0**power:g}") for power in powers))
 
     def place(self, value: float) -> float:
-        """Where `value` lies on the slider."""
+        """Return the place of `value` on the slider."""
         left, right, _ = self.ends
         if self.powers:
             value = math.log10(value) if value >= self.floor else left
         return min(max(value, left), right)
 
     def value(self, place: float) -> float:
-        """The value that lies there."""
+        """Return the value at `place`."""
         if self.whole:
             return round(place)
         if not self.powers:
@@ -66,7 +66,7 @@ class Scale:
 
 
 def powers(low: float, high: float) -> Scale:
-    """From `low`, above 0, to `high` by powers of ten."""
+    """Return a scale from `low`, above 0, to `high` by powers of ten."""
     return Scale(low, high, powers=True, floor=low)
 
 
@@ -84,7 +84,7 @@ class PowerSlider:
 
     @property
     def value(self) -> float:
-        """The number. To be looked at in every frame: what is typed counts once no key is pressed for a while."""
+        """The number. Read it in every frame: typed text counts once no key is pressed for a while."""
         (place,) = self._slider.value
         if place != self._place:  # which stays where the mouse holds it
             self._value, self._place, self._looks = self._scale.value(place), place, 0
@@ -102,15 +102,15 @@ class PowerSlider:
         self._slider.value, self._box.value = (self._place,), self._words(value)
 
     def slide(self, value: float) -> None:
-        """Puts the slider to a value, as a browser does."""
+        """Move the slider to a value, as a browser does."""
         self._slider.value = (self._scale.place(value),)
 
     def type(self, text: str) -> None:
-        """Puts text into the box, as a browser does."""
+        """Put text into the box, as a browser does."""
         self._box.value = text
 
     def _read(self, text: str) -> float:
-        """The number that the text begins with, within the range; the one before where it begins with none."""
+        """Return the number at the start of the text, clipped to the range; the current value if there is none."""
         found = re.match(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", text, flags=re.IGNORECASE)
         return min(max(float(found[0]), self._scale.low), self._scale.high) if found else self._value
 

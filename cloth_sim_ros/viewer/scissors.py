@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two clicks on what tears cut it: everything that is seen between them, all layers."""
+"""Cut an object by two clicks: everything seen between them, in all layers."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ BEHIND = 2.0  # times as far as what was clicked, a cut goes away from the eye
 
 
 class Scissors:
-    """cut(polygon (3, 3) [m]) is called with the second click; told(sentence) with each."""
+    """Scissors that two clicks use. cut(polygon (3, 3) [m]) is called with the second click; told(sentence) with
+    each."""
 
     def __init__(self, cut: Callable[[np.ndarray], None], told: Callable[[str], None]):
         self._cut, self._told = cut, told
         self._first: tuple[str, int] | None = None
 
     def click(self, click: Click, positions: np.ndarray) -> None:
-        """Somebody clicks an object whose particles are at `positions` (N, 3) [m]; that nearest to the ray counts."""
+        """Take a click on an object with particles at `positions` (N, 3) [m]; the particle nearest to the ray
+        counts."""
         place = np.asarray(positions, dtype=np.float64) - click.origin
         along = place @ click.direction
         vertex = int(np.linalg.norm(place - along[:, None] * click.direction, axis=1).argmin())

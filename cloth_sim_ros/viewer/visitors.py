@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may open the page: browsers that come to one of its own addresses, and from no other web page.
+"""Access to the page: only for browsers that come to one of its own addresses, and from no other web page.
 
-Any web page that a user opens can connect to a server of this machine, and viser lets it steer. The browser tells two
-things that such a page cannot forge. `Origin` is the page that asks, and `Host` is the name by which it came here. A
+Any web page that a user opens can connect to a server of this machine, and viser lets it steer. The browser sends two
+headers that such a page cannot forge. `Origin` is the page that asks, and `Host` is the name by which it came here. A
 foreign name that resolves to this machine (DNS rebinding) shows in `Host`.
 """
 
@@ -27,9 +27,10 @@ _log = logging.getLogger(__name__)
 
 
 def make_server(host: str, port: int, allowed_hosts: Sequence[str] = ()) -> viser.ViserServer:
-    """A server of viser at host and port that asks every visitor for Host and Origin. allowed_hosts: see `Visitors`.
+    """Return a server of viser at host and port that checks Host and Origin of every visitor. allowed_hosts: see
+    `Visitors`.
 
-    Raises RuntimeError where a version of viser does not ask.
+    Raises RuntimeError if the version of viser does not call the check.
     """
     with _asking(Visitors(host, allowed_hosts)) as asked:
         server = viser.ViserServer(host=host, port=port, label="cloth_sim", verbose=False)
@@ -40,11 +41,11 @@ def make_server(host: str, port: int, allowed_hosts: Sequence[str] = ()) -> vise
 
 
 class Visitors:
-    """Says who is refused, and why.
+    """Rules for visitors.
 
     A visitor comes to localhost, to the address at which the server took the call, to the name of this machine, to
-    `host`, or to one of `allowed_hosts`. The page that asks was loaded from here or from one of `allowed_hosts`, or is
-    none: programs other than browsers send no Origin.
+    `host`, or to one of `allowed_hosts`. The page that asks was loaded from here or from one of `allowed_hosts`, or
+    there is none: programs other than browsers send no Origin.
     """
 
     def __init__(self, host: str, allowed_hosts: Sequence[str] = ()):
@@ -54,7 +55,7 @@ class Visitors:
         self._told: set[str] = set()
 
     def refusal(self, request: Request, local_address: str) -> str | None:
-        """Why a request that came to `local_address` is refused; None where it is not."""
+        """Return why a request that came to `local_address` is refused; None if it is not."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_ours(hosts[0], local_address):
             came_to = ", ".join(hosts) or "no host"
@@ -64,7 +65,7 @@ class Visitors:
         return None
 
     def answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The response to a visitor who is refused; None to the others."""
+        """Return the response to a visitor who is refused; None to the others."""
         why = self.refusal(request, connection.local_address[0])
         if why is None:
             return None
@@ -91,10 +92,11 @@ class Visitors:
 
 @contextlib.contextmanager
 def _asking(visitors: Visitors) -> Iterator[list[Callable]]:
-    """Servers that viser starts meanwhile ask `visitors` first; the list fills with them.
+    """Make servers that viser starts meanwhile ask `visitors` first; the yielded list fills with their checks.
 
-    viser has no place for this. It calls `websockets.asyncio.server.serve` by this name, with `process_request`, which
-    answers plain requests. Another way of viser to call it leaves the list empty, and then nothing is served.
+    viser offers no hook for this. It calls `websockets.asyncio.server.serve` by this name, with `process_request`,
+    which answers plain requests. A version of viser that calls it otherwise leaves the list empty, and then nothing is
+    served.
     """
     serve, asked = websockets.asyncio.server.serve, []
 
@@ -116,7 +118,7 @@ def _asking(visitors: Visitors) -> Iterator[list[Callable]]:
 
 
 def _name_in(address: str) -> str:
-    """The name of the host in `scheme://host:port` or `//host:port`, "" where there is none."""
+    """Return the name of the host in `scheme://host:port` or `//host:port`, "" if there is none."""
     try:
         return urlsplit(address).hostname or ""
     except ValueError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The web page: a server, the choice of a page, and the page that is open."""
+"""The web page: a server, the choice of a page, and the open page."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from cloth_sim_ros.viewer.visitors import make_server
 
 
 class Page:
-    """One page: what it draws and its controls. It exists while it is open, and all browsers see the same one.
+    """One page: its drawing and its controls. It exists while it is open, and all browsers see the same one.
 
-    All methods run in one thread, which may be another one than the server's: what a browser does is looked at in
-    `advance`. Drags and clicks come there, too.
+    All methods run in one thread, which may differ from the server's. `advance` therefore handles the clicks, drags and
+    buttons of the browsers.
     """
 
     title: ClassVar[str] = ""
@@ -40,28 +40,28 @@ class Page:
         look_from(server, *self.camera)
 
     def build(self) -> None:
-        """Makes controls and drawing."""
+        """Make controls and drawing."""
 
     def frame(self) -> None:
-        """Computes and draws what comes next, 60 times a second."""
+        """Compute and draw the next frame, 60 times a second."""
 
     def dragged(self, drag: Drag) -> None:
-        """Somebody drags something."""
+        """Handle a drag."""
 
     def clicked(self, click: Click) -> None:
-        """Somebody clicks on something."""
+        """Handle a click."""
 
     def button(self, label: str, pressed: Callable[[], None]) -> None:
-        """A button; `pressed` runs before the next frame."""
+        """Add a button; `pressed` runs before the next frame."""
         self.gui.add_button(label).on_click(lambda event: self._pressed.append(pressed))
 
     def buttons(self, labels: Sequence[str], pressed: Callable[[str], None]) -> None:
-        """Buttons side by side; `pressed` is given the label before the next frame."""
+        """Add buttons side by side; `pressed` gets the label before the next frame."""
         group = self.gui.add_button_group("", tuple(labels))
         group.on_click(lambda event: self._pressed.append(lambda label=event.target.value: pressed(label)))
 
     def advance(self) -> None:
-        """What was pressed and dragged, then one frame."""
+        """Handle pressed buttons, then drags and clicks, then draw one frame."""
         while self._pressed:
             self._pressed.popleft()()
         while self._uses:
@@ -71,12 +71,12 @@ class Page:
             self.frame()
 
     def close(self) -> None:
-        """Takes everything away, but for the hidden controls: see `remove`."""
+        """Remove everything but the controls, which are hidden: see `remove`."""
         self.drawing.clear()
         self.folder.visible = False
 
     def remove(self) -> None:
-        """Takes the hidden controls away, which must have been left alone for a while.
+        """Remove the hidden controls, which must have been left alone for a while.
 
         A browser does all updates that it finds waiting after all removals, and complains of those that come too late.
         """
@@ -84,10 +84,9 @@ class Page:
 
 
 class Window:
-    """Serves `pages` (class or other callable by title) at host and port; the first one is open at the beginning.
+    """Serves `pages` (class or other callable by title) at host and port, the first one open.
 
-    Where the port is taken, the next free one is used: see `address`. `make_server` says who may come, as one of
-    `allowed_hosts`.
+    If the port is taken, the next free one is used: see `address`. `make_server` checks visitors, with `allowed_hosts`.
     """
 
     def __init__(
@@ -109,16 +108,16 @@ class Window:
 
     @property
     def address(self) -> str:
-        """What to type into a browser, on this machine where all or its own addresses are served."""
+        """Address to type into a browser, on this machine if it is served to all or to itself."""
         host = self.server.get_host()
         return f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{self.server.get_port()}"
 
     def choose(self, title: str) -> None:
-        """Opens a page with the next frame."""
+        """Open a page with the next frame."""
         self._choice.value = title
 
     def advance(self) -> None:
-        """One frame of the page that is chosen. The first one of a page may take long, as it compiles."""
+        """Draw one frame of the chosen page. The first one of a page may take long, as it compiles."""
         if self._choice.value != self._open:
             self._change(self._choice.value)
         self.page.advance()
@@ -135,7 +134,7 @@ class Window:
         self._waiting.visible = False
 
     def close(self) -> None:
-        """Ends the page and the server."""
+        """Close the page and the server."""
         if self.page is not None:
             self.page.close()
         with quiet():
@@ -143,5 +142,5 @@ class Window:
 
 
 def quiet() -> contextlib.AbstractContextManager:
-    """Swallows what the library prints: we tell the address in one line."""
+    """Swallow the library's output, as the viewer prints the address in one line."""
     return contextlib.redirect_stdout(io.StringIO())

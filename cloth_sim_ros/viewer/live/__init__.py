@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page of a running node, over ROS: remote speaks with it, scene draws it, panel steers it, grasp drags it."""
+"""The page of a running node, over ROS: remote connects, scene draws, panel sets parameters, grasp drags."""

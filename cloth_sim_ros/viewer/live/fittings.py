@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What holds an object and hangs from it: clamps at its pins, the drum of a winch, the load at a rope's end."""
+"""Fittings of an object: clamps at its pins, the drum of a winch, the load at a rope's end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEAST = 0.012  # [m] radius of a clamp
 
 
 def pinned(values: Mapping[str, Any], name: str, count: int) -> np.ndarray:
-    """Indices of the pinned ones of the `count` particles of an object with these parameters."""
+    """Return the indices of the pinned particles among `count` of an object with these parameters."""
     pins = values[f"{name}.pins"]
     if not isinstance(pins, str):
         return np.array(pins, int)
@@ -29,7 +29,7 @@ def pinned(values: Mapping[str, Any], name: str, count: int) -> np.ndarray:
 
 
 class Fittings:
-    """One mesh of all of an object's fittings: `faces` (F, 3), and `vertices` by where the particles are."""
+    """One mesh of all fittings of an object: `faces` (F, 3), and `vertices` that follow its particles."""
 
     def __init__(self, values: Mapping[str, Any], name: str, count: int):
         rope = values[f"{name}.type"] == "rope"
@@ -49,14 +49,14 @@ class Fittings:
         self._corners, self.faces = np.asarray(whole.vertices), np.asarray(whole.faces)
 
     def vertices(self, positions: np.ndarray) -> np.ndarray:
-        """Vertices (V, 3) [m] for particles at `positions` (N, 3) [m]."""
+        """Return vertices (V, 3) [m] for particles at `positions` (N, 3) [m]."""
         return positions[self._of] + self._corners
 
 
 def hand(size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) [m] and faces (F, 3) of a hand that comes from above and pinches at the origin.
+    """Return vertices (V, 3) [m] and faces (F, 3) of a hand that comes from above and pinches at the origin.
 
-    size: of what it grasps [m].
+    size: scale of the hand [m].
     """
     tips = ((0.35, 0.0), (-0.35, 0.45), (-0.35, 0.0), (-0.35, -0.45))  # a thumb and three fingers
     meshes = [cylinder(0.16, segment=[(0.7 * x, y, 1.5), (0.35 * x, 0.7 * y, 0.1)], sections=12) for x, y in tips]

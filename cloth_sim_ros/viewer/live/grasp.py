@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A vertex that is dragged in the browser is pulled by a free handle of the scene: a spring, by topic and service."""
+"""Drag a vertex by a free handle of the scene, which pulls it as a spring, over topics and services."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from cloth_sim_ros.viewer.live.scene import LiveScene
 
 NEAR = 0.3  # of a handle's reach within which the vertex must be before the handle grasps
 LONG = 600  # frames without an answer after which a drag is given up
-PATIENCE = 120  # frames in which the handle should have come there
+PATIENCE = 120  # frames within which the handle should reach the vertex
 SHARE = 0.35  # of the way to the mouse that the handle goes in a frame: the mouse comes 20 times a second
-_STILL = 1e-6  # [m] as near as it need come
-LONGEST = 0.1  # [m] that the spring between hand and vertex gets long: there it pulls with the largest force
+_STILL = 1e-6  # [m] distance that counts as arrived
+LONGEST = 0.1  # [m] longest spring between hand and vertex, which pulls with the largest force
 NONE_FREE = "No handle is free to drag with. Add one to the scene, as `handles: [hand]`, that nobody else moves."
 
 
 class Grasp:
     """One drag at a time: a free handle goes to the vertex, grasps, follows the mouse, and lets go.
 
-    Its hold is a spring by the parameter compliance. force() is the largest one [N], with which it pulls where the
-    mouse is LONGEST or more away. `state` is idle, choosing, softening, reaching, asking, holding or leaving.
+    The parameter compliance makes its hold a spring. force() returns the largest force [N], which acts if the mouse is
+    LONGEST or more away. `state` is idle, choosing, softening, reaching, asking, holding or leaving.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Grasp:
         self._answer: Future | None = None
 
     def drag(self, drag: Drag) -> None:
-        """What the mouse does."""
+        """Take the start, a move or the end of a drag."""
         if drag.phase == "start":
             if self.state == "idle" and drag.name in self._scene.positions:
                 self._begin(drag)
@@ -68,11 +68,11 @@ class Grasp:
 
     @property
     def vertex(self) -> np.ndarray:
-        """Where the dragged vertex is (3,) [m]."""
+        """Position (3,) [m] of the dragged vertex."""
         return self._scene.positions[self._object][self._vertex]
 
     def advance(self) -> None:
-        """One frame."""
+        """Advance the drag by one frame."""
         if self.state == "idle":
             return
         self._silent = self._silent + 1 if self._answer is not None and not self._answer.done() else 0
@@ -82,7 +82,7 @@ class Grasp:
             getattr(self, f"_{self.state}")()
 
     def _give_up(self) -> None:
-        """Where the object has become another one, or the node does not answer."""
+        """End the drag, as the object has other particles or the node does not answer."""
         if self.handle:
             self._remote.call(f"handles/{self.handle}/attach", False)
         self._told(f"{self._object} is not held any more.")

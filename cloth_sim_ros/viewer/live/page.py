@@ -32,7 +32,7 @@ PULL = powers(0.1, 100.0)  # [N] largest force of a drag
 
 
 class LivePage(Page):
-    """Waits for the node, shows it, and waits again where it goes. `status` is what was said last."""
+    """The page that waits for the node, shows it, and waits again if it goes. `status` is the last sentence."""
 
     title = "The running node"
 
@@ -57,11 +57,11 @@ class LivePage(Page):
 
     @property
     def status(self) -> str:
-        """The sentence that is shown."""
+        """The sentence on the page."""
         return self._status.content
 
     def tell(self, sentence: str) -> None:
-        """Shows a sentence in place of the one before."""
+        """Show a sentence in place of the one before."""
         self._status.content = sentence
 
     def frame(self) -> None:
@@ -91,7 +91,7 @@ class LivePage(Page):
     # -- coming and going ----------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Asks the node what it is, once it is there."""
+        """Ask the node for its parameters, once it is there."""
         if self._task is not None and self._task.done():
             task, self._task = self._task, None
             if task.exception() is not None:
@@ -134,7 +134,7 @@ class LivePage(Page):
         self.tell(f"{self._remote.target} is there and builds its scene ...")
 
     def _hints(self, known: Known) -> str:
-        """What keys and mouse do here."""
+        """Return what keys and mouse do here."""
         keys = "Keys: space pauses, N steps, R resets."
         drag = " Drag cloths and ropes with the mouse." if known.names("handles") else ""
         tears = [name for name in known.names("objects") if known.values.get(f"{name}.tear_strain")]
@@ -177,7 +177,7 @@ class LivePage(Page):
     # -- buttons -------------------------------------------------------------------------------------------------
 
     def press(self, label: str) -> None:
-        """Does what a button of this label does."""
+        """Act as the button of this label."""
         if label == KEYS["space"]:
             label = "go on" if self._paused else "pause"
         if self.known is None:
@@ -207,7 +207,7 @@ class LivePage(Page):
         self._look_once()
 
     def _look_once(self) -> None:
-        """Puts the camera as soon as all of the scene is there, or what there is after some seconds."""
+        """Place the camera as soon as the scene is complete, or after ANSWER_IN."""
         if self._framed or not self.scene.positions:
             return
         wanted = {name for what in ("objects", "colliders", "handles") for name in self.known.names(what)}
@@ -217,7 +217,7 @@ class LivePage(Page):
             self._look_at_all()
 
     def _look_at_all(self) -> None:
-        """Puts the camera where the scene says, or where all objects are in view, and colliders and handles."""
+        """Place the camera where the scene's parameters say, or so that objects, colliders and handles are in view."""
         position, at = (tuple(self.known.values.get(f"view.{what}", ())) for what in ("position", "look_at"))
         if position != at:
             look_from(self.server, position, at)

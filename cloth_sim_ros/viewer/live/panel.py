@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sliders of a running node's parameters, by what they belong to."""
+"""Sliders of a running node's parameters, grouped by their owners."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ ANSWER_IN = 10.0  # [s] after which a parameter is set again, as an answer may b
 
 
 class Panel:
-    """Folders of sliders. `told` is given a sentence where the node has something to say of a value.
+    """Folders of sliders. `told` gets a sentence if the node has something to say on a value.
 
-    sliders: by parameter one for each number; the wind has three.
+    sliders: parameter -> one slider for each of its numbers; the wind has three.
     """
 
     def __init__(self, gui: viser.GuiApi, remote: Remote, known: Known, told: Callable[[str], None]):
@@ -64,7 +64,7 @@ class Panel:
                 self._add(gui, name, (label,), scale)
 
     def _add(self, gui: viser.GuiApi, name: str, labels: tuple[str, ...], scale: Scale) -> None:
-        """A slider for each number of a parameter."""
+        """Add a slider for each number of a parameter."""
         hint, value = self._description(name), self._known.values[name]
         numbers = [value] if len(labels) == 1 else value
         self.sliders[name] = [
@@ -72,7 +72,7 @@ class Panel:
         ]
 
     def _scale(self, name: str) -> Scale | None:
-        """The scale of a parameter; None where the scene does not have it, or nothing that it acts on."""
+        """Return the scale of a parameter; None if the scene lacks it or anything that it acts on."""
         values = self._known.values
         missing = name not in values
         straight = (
@@ -82,12 +82,12 @@ class Panel:
         return None if missing or straight or no_winch else scale_of(self._known.descriptors[name], values[name])
 
     def _description(self, name: str) -> str:
-        """What a parameter is; where it is another thing for each kind of bending, the one that acts."""
+        """Return the description of a parameter, or its part for the current kind of bending if it has several."""
         words, kind = self._known.descriptors[name].description, self._known.values.get(f"{name.split('.')[0]}.bending")
         return next((part for part in words.split("; ") if part.startswith(f"{kind}:")), words)
 
     def advance(self) -> None:
-        """Sends what was changed in the browser, and looks at the answers."""
+        """Send values changed in the browser, and read the answers."""
         for name, sliders in self.sliders.items():
             wanted = [slider.wanted() for slider in sliders]
             if all(value is None for value in wanted):
@@ -121,11 +121,11 @@ class Panel:
         self.changed(name, parameter_value_to_python(future.result().values[0]))
 
     def blown(self, velocity: tuple[float, float, float]) -> None:
-        """Somebody sends a wind [m/s] by topic, which acts in place of the parameter."""
+        """Take a wind [m/s] that came by topic and acts in place of the parameter."""
         self._wind = velocity
 
     def changed(self, name: str, value: Any) -> None:
-        """The node says that a parameter has this value."""
+        """Show the value of a parameter that the node reports."""
         if name in self._asked or name in self._waiting:
             return  # ours, which may be older than what the browser shows
         self._known.values[name] = value

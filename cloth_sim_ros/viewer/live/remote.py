@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running cloth_sim node, seen from outside: its parameters, topics and services."""
+"""Client of a running cloth_sim node: its parameters, topics and services."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ _NAMES = ("objects", "colliders", "handles", "frame_id")
 
 @dataclass
 class Known:
-    """What the parameters say: all `values` by name, the descriptors, and what there is of each kind."""
+    """Parameters of a node: all `values` and descriptors by name, and the names of each kind of owner."""
 
     values: dict[str, Any] = field(default_factory=dict)
     descriptors: dict[str, ParameterDescriptor] = field(default_factory=dict)
 
     def names(self, what: str) -> list[str]:
-        """Names of the objects, colliders or handles."""
+        """Return the names of the objects, colliders or handles."""
         return list(self.values.get(what) or ())
 
     def ropes(self) -> list[str]:
-        """Names of the objects that are ropes."""
+        """Return the names of the objects that are ropes."""
         return [name for name in self.names("objects") if self.values[f"{name}.type"] == "rope"]
 
 
 @dataclass
 class Seen:
-    """Who is told of what arrives: see the types of messages in `Remote.listen`."""
+    """Callbacks for messages of the node: see their types in `Remote.listen`."""
 
     cloud: Callable[[str, PointCloud2], None]
     topology: Callable[[str, Mesh], None]
@@ -58,9 +58,9 @@ class Seen:
 
 
 class Remote:
-    """Speaks with the node `target`. Everything runs in the executor's thread of `node`.
+    """Client of the node `target`. Everything runs in the executor's thread of `node`.
 
-    Raises ValueError where there can be no node of such a name.
+    Raises ValueError if `target` is no valid name of a node.
     """
 
     def __init__(self, node: Node, target: str):
@@ -76,11 +76,11 @@ class Remote:
 
     @property
     def there(self) -> bool:
-        """Whether the node answers."""
+        """True if the node answers."""
         return self._parameters.services_are_ready()
 
     async def know(self) -> Known:
-        """Asks for all parameters and their descriptors."""
+        """Request all parameters and their descriptors. Raises ValueError if the node is no cloth_sim node."""
         listed = await self._parameters.list_parameters([], 0)
         names = list(listed.result.names)
         values = await self._parameters.get_parameters(names)
@@ -95,15 +95,15 @@ class Remote:
         return known
 
     def set(self, name: str, value: Any) -> Future:
-        """Asks for a parameter to be set; the result has `results`, one SetParametersResult."""
+        """Request a new value of a parameter; the result has `results`, one SetParametersResult."""
         return self._parameters.set_parameters([Parameter(name, value=value)])
 
     def get(self, names: list[str]) -> Future:
-        """Asks for values of parameters; the result has `values`."""
+        """Request values of parameters; the result has `values`."""
         return self._parameters.get_parameters(names)
 
     def call(self, service: str, on: bool | None = None) -> Future | None:
-        """Calls `~/service`, a Trigger or with `on` a SetBool; None where the service is not there."""
+        """Call `~/service`, a Trigger or, with `on`, a SetBool; return None if the service is not there."""
         kind = Trigger if on is None else SetBool
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, f"{self.target}/{service}")
@@ -113,7 +113,7 @@ class Remote:
         return client.call_async(Trigger.Request() if on is None else SetBool.Request(data=on))
 
     def listen(self, known: Known, seen: Seen) -> None:
-        """Subscribes to all that there is of a scene."""
+        """Subscribe to all topics of a scene."""
         for name in known.names("objects"):
             self._subscribe(PointCloud2, f"{name}/particles", partial(seen.cloud, name), NEWEST_ONLY)
             self._subscribe(Mesh, f"{name}/topology", partial(seen.topology, name), LATCHED)
@@ -131,18 +131,18 @@ class Remote:
         ]
 
     def forget(self) -> None:
-        """Listens to nothing any more, so that the node computes nothing for us."""
+        """End all subscriptions, so that the node computes nothing for them."""
         for subscription in self._subscriptions:
             self.node.destroy_subscription(subscription)
         self._subscriptions.clear()
 
     def is_ours_alone(self, handle: str) -> bool:
-        """Whether nobody else sends poses to a handle."""
+        """Return True if nobody else sends poses to a handle."""
         topic = self._pose_topic(handle)
         return self.node.count_publishers(topic) == (1 if handle in self._poses else 0)
 
     def move(self, handle: str, position: np.ndarray, frame_id: str) -> None:
-        """Sends a pose [m] to a handle, stamped now."""
+        """Send a pose [m] to a handle, stamped now."""
         if handle not in self._poses:
             self._poses[handle] = self.node.create_publisher(PoseStamped, self._pose_topic(handle), NEWEST_ONLY)
         message = PoseStamped()
@@ -152,7 +152,7 @@ class Remote:
         self._poses[handle].publish(message)
 
     def cut(self, polygon: np.ndarray, frame_id: str) -> None:
-        """Cuts all that tears along a flat polygon (n, 3) [m]."""
+        """Cut all objects that tear along a flat polygon (n, 3) [m]."""
         message = PolygonStamped()
         message.header.frame_id = frame_id
         message.polygon.points = [Point32(x=x, y=y, z=z) for x, y, z in polygon.astype(float)]
@@ -184,6 +184,6 @@ class Remote:
 
 
 def positions_of(cloud: PointCloud2) -> np.ndarray:
-    """x y z (N, 3) of a cloud of float32 fields [m]."""
+    """Return x y z (N, 3) [m] of a cloud of float32 fields."""
     numbers = np.frombuffer(cloud.data, np.float32).reshape(-1, cloud.point_step // 4)
     return numbers[:, :3].copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws what the topics of a node say: objects, colliders and handles."""
+"""Draw the objects, colliders and handles that a node's topics report."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from cloth_sim_ros.viewer.live.fittings import Fittings, hand
 from cloth_sim_ros.viewer.live.remote import Known, positions_of
 from cloth_sim_ros.viewer.look import LINES
 
-SHOWN = 0.7  # of a cloth's thickness: layers that touch stay apart in the picture
+SHOWN = 0.7  # drawn share of a cloth's thickness: layers that touch stay apart in the picture
 HAND = 0.03  # [m] size of a hand
-WIDE = 10.0  # [m] from which a box stands for a plane, which is drawn in place of our ground
-MOST_MOVED = 3000  # vertices of a body that is moved by them
+WIDE = 10.0  # [m] least size of a box that stands for a plane, which replaces our ground
+MOST_MOVED = 3000  # most vertices of a body that moves by its vertices
 _log = logging.getLogger(__name__)
 
 
 class LiveScene:
-    """What is drawn of the scene `known`.
+    """Picture of the scene `known`.
 
-    By object: its triangles (T, 3), the positions of its newest particles (N, 3) [m], starts where they began, and
-    stamps the time of each [ns]. places: by collider and handle its position (3,) [m]. bodies: what is drawn of each
-    marker, by namespace/id.
+    By object: triangles (T, 3), newest positions (N, 3) [m], starts (its first positions), and stamps [ns] of the
+    newest. places: position (3,) [m] of each collider and handle. bodies: the drawn object of each marker, by
+    namespace/id.
     """
 
     def __init__(self, server: viser.ViserServer, drawing: Drawing, known: Known):
@@ -50,14 +50,17 @@ class LiveScene:
         self.places: dict[str, np.ndarray] = {}
 
     def topology(self, name: str, mesh: Mesh) -> None:
-        """An object has other particles or triangles from now on; its next cloud is drawn with them."""
+        """Take new particles or triangles of an object; its next cloud is drawn with them."""
         self.triangles[name] = np.array([each.vertex_indices for each in mesh.triangles], np.uint32).reshape(-1, 3)
         self.starts[name] = np.array([(each.x, each.y, each.z) for each in mesh.vertices]).reshape(-1, 3)
         for drawn in {name, _held(name)} & set(self._drawing.handles):
             self._drawing.remove(drawn)
 
     def cloud(self, name: str, cloud: PointCloud2) -> None:
-        """An object's particles are there now. A cloud that the topology is not of is late or early, and left out."""
+        """Draw an object's particles at their new positions.
+
+        A cloud of another topology is late or early, and is left out.
+        """
         positions = positions_of(cloud)
         if len(positions) != len(self.starts.get(name, ())):
             return
@@ -79,7 +82,7 @@ class LiveScene:
             self._drawing.body(_held(name), fittings.vertices, positions, fittings.faces, STEEL)
 
     def markers(self, array: MarkerArray) -> None:
-        """All colliders and handles are these."""
+        """Draw all colliders and handles, and remove those that are not among the markers."""
         shown = {}
         for marker in array.markers:
             if marker.action == Marker.ADD:
@@ -92,7 +95,7 @@ class LiveScene:
         self._ground.visible = not wide
 
     def close(self) -> None:
-        """Takes away what is drawn beside the objects."""
+        """Remove everything drawn beside the objects."""
         for name in list(self.bodies):
             self._remove(name)
         self._ground.visible = True
@@ -123,10 +126,10 @@ class LiveScene:
         del self._shapes[name]
 
     def _make(self, name: str, marker: Marker) -> None:
-        """The body of a marker; a handle's has its name beside it.
+        """Draw the body of a marker; that of a handle has its name beside it.
 
-        But for a plane and a large mesh it is moved by its vertices, as cloths are, so that a browser shows both at the
-        same time.
+        Bodies are moved by their vertices, as cloths are, so that a browser shows both at the same time. A plane and a
+        large mesh are moved by their pose.
         """
         scene, s, c, path = self._server.scene, marker.scale, marker.color, f"/page/bodies/{name}"
         if marker.type == Marker.CUBE and s.x >= WIDE:
@@ -156,7 +159,7 @@ class LiveScene:
 
 
 def _surface(marker: Marker) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) [m] and faces (F, 3) of a marker at the origin; none of a file that cannot be read."""
+    """Return vertices (V, 3) [m] and faces (F, 3) of a marker at the origin; none of a file that cannot be read."""
     scale = (marker.scale.x, marker.scale.y, marker.scale.z)
     points = np.array([(each.x, each.y, each.z) for each in marker.points]).reshape(-1, 3)
     if marker.type == Marker.MESH_RESOURCE:
@@ -178,10 +181,10 @@ def _surface(marker: Marker) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sketch(points: list) -> tuple:
-    """How many points there are and some of them, by which another list of them is known at little cost."""
+    """Return the number of points and some of them, which identify a list of points at little cost."""
     return len(points), *((each.x, each.y, each.z) for each in points[:: 1 + len(points) // 8])
 
 
 def _held(name: str) -> str:
-    """Under which name the fittings of an object are drawn."""
+    """Return the name under which an object's fittings are drawn."""
     return f"{name} fittings"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The choice of a scene, where `make demo` runs: it starts the node anew on the one that is chosen."""
+"""Choice of a scene while `make demo` runs, which restarts the node on the chosen one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SceneChoice:
         self._asked: list[Future] = []
 
     def advance(self) -> None:
-        """Asks the demonstration once it is there, shows its answer, and tells it of another choice."""
+        """Ask the demonstration for its scenes once it is there, show them, and send it another choice."""
         if not self._remote.services_are_ready():
             self._choice.visible, self._asked = False, []
         elif not self._choice.visible and not self._asked:
@@ -42,5 +42,5 @@ class SceneChoice:
             self._told(f"The scene {self._seen} is started ...")
 
     def choose(self, scene: str) -> None:
-        """Chooses a scene, as a browser does."""
+        """Choose a scene, as a browser does."""
         self._choice.value = scene

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sliders made of a node's parameter descriptors."""
+"""Sliders made from a node's parameter descriptors."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cloth_sim_ros.viewer.scale import PowerSlider, Scale
 
 WIND = 15.0  # [m/s] at most by slider, as a descriptor of a list has no range
 _WIDE = 1e3  # a range whose ends are further apart is shown by powers of ten
-_SMALLEST = 1e-8  # of such a range that begins at 0: the leftmost place is 0 itself
+_SMALLEST = 1e-8  # smallest value of such a range that begins at 0; the leftmost place is 0 itself
 
 
 def scale_of(descriptor: ParameterDescriptor, value: Any) -> Scale | None:
-    """The scale of a number with this descriptor, which is `value` now; None where the descriptor has no range."""
+    """Return the scale of a number with this descriptor and the value `value`; None if the descriptor has no range."""
     if descriptor.integer_range:
         found = descriptor.integer_range[0]
         return Scale(found.from_value, found.to_value, whole=True)
@@ -30,9 +30,9 @@ def scale_of(descriptor: ParameterDescriptor, value: Any) -> Scale | None:
 
 
 class ParameterSlider:
-    """One number of a parameter.
+    """Slider of one number of a parameter.
 
-    `wanted` is what somebody has set in the browser since it was last shown or asked for.
+    `wanted` is the value set in the browser since the slider was last shown or read.
     """
 
     def __init__(self, gui: viser.GuiApi, label: str, scale: Scale, value: float, hint: str):
@@ -44,7 +44,7 @@ class ParameterSlider:
         self._seen = self._slider.value
 
     def wanted(self) -> float | None:
-        """The value that somebody has chosen since, or None."""
+        """Return the value chosen in the browser since the last call, or None."""
         found = self._slider.value
         if found == self._seen:
             return None
@@ -52,12 +52,12 @@ class ParameterSlider:
         return found if self._scale.powers else self._scale.value(found)
 
     def show(self, value: float) -> None:
-        """The node has this value."""
+        """Show the node's value."""
         self._slider.value = value if self._scale.powers else self._scale.place(value)
         self._seen = self._slider.value
 
     def slide(self, value: float) -> None:
-        """Puts the slider to a value, as a browser does."""
+        """Move the slider to a value, as a browser does."""
         if self._scale.powers:
             self._slider.slide(value)
         else:
@@ -65,6 +65,6 @@ class ParameterSlider:
 
 
 def _unit(text: str) -> str:
-    """The unit in brackets in a description, with a space before it; "" where it has two."""
+    """Return the unit in brackets in a description, after a space; "" if there is none or a choice of two."""
     start, end = text.rfind("["), text.rfind("]")
     return f" {text[start + 1 : end]}" if 0 <= start < end and " or " not in text[start:end] else ""

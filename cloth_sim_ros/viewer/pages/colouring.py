@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which springs may be solved at once: colours, red-black order, and what happens without."""
+"""Springs that may be solved at once: colours, red-black order, and the races without them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ STEP = 1.0  # [s]: rigid springs do not depend on it
 
 
 def shape_of(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rest positions (N, 3) [m], springs (E, 2) and their colours (E,) of one of SHAPES."""
+    """Return rest positions (N, 3) [m], springs (E, 2) and their colours (E,) of one of SHAPES."""
     if kind == SHAPES[0]:
         points = np.stack([np.linspace(-0.7, 0.7, CHAIN + 1), np.zeros(CHAIN + 1), np.full(CHAIN + 1, 1.0)], axis=1)
         pairs = np.stack([np.arange(CHAIN), np.arange(1, CHAIN + 1)], axis=1)
@@ -77,14 +77,14 @@ class Colouring(Page):
         self._chosen: tuple[str, str] = ("", "")
 
     def press(self, label: str) -> None:
-        """Does what a button of this label does."""
+        """Act as the button of this label."""
         if label == "start again":
             self.start()
         for _ in range({"next pass": 1, "a sweep": len(self.passes)}.get(label, 0)):
             self.next_pass()
 
     def start(self) -> None:
-        """Stretches the shape that is chosen anew."""
+        """Stretch the chosen shape anew."""
         self._chosen = (self.shape.value, self.order.value)
         rest, pairs, self.colours = shape_of(self.shape.value)
         lengths = np.linalg.norm(rest[pairs[:, 1]] - rest[pairs[:, 0]], axis=1)
@@ -104,11 +104,11 @@ class Colouring(Page):
 
     @property
     def error(self) -> float:
-        """How much too long or short a spring is at most [m]."""
+        """Largest deviation [m] of a spring from its rest length."""
         return float(np.abs(self.springs.violation()).max())
 
     def next_pass(self) -> None:
-        """Solves the springs of the next pass; writes of particles that several springs move are lost but for one."""
+        """Solve the springs of the next pass; of several writes to one particle only one is kept."""
         chosen = self.passes[self.done % len(self.passes)]
         self.lost += self.springs.race(chosen, np.zeros(len(self.springs.pairs)), STEP)
         self.done += 1

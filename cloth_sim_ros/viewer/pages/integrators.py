@@ -30,7 +30,7 @@ COILS, POINTS = 9, 90
 
 
 def oscillator() -> tuple[SpringSystem, np.ndarray]:
-    """One mass on one spring, and where it is released (2, 3) [m]."""
+    """Return one mass on one spring, and the positions (2, 3) [m] at which it is released."""
     system = SpringSystem(
         masses=np.array([MASS, MASS]),
         fixed=np.array([True, False]),
@@ -43,14 +43,14 @@ def oscillator() -> tuple[SpringSystem, np.ndarray]:
 
 
 class ByFormula:
-    """A system under a step from the study: x, v (N, 3) -> x, v."""
+    """A system under a step from the study, which maps x, v (N, 3) to x, v."""
 
     def __init__(self, step: Callable, system: SpringSystem, x: np.ndarray, h: float):
         self._step, self.system, self._h = step, system, h
         self.x, self.v = np.array(x, float), np.zeros_like(x, float)
 
     def step(self) -> None:
-        """One step."""
+        """Advance by one step."""
         with np.errstate(all="ignore"):
             self.x, self.v = self._step(self.system, self.x, self.v, self._h)
 
@@ -66,7 +66,7 @@ class ByProduct:
         self.x, self.v = np.array(x, float), np.zeros_like(x, float)
 
     def step(self) -> None:
-        """One step."""
+        """Advance by one step."""
         self._sim.step()
         self.x, self.v = self._sim.positions("it").astype(float), self._sim.velocities("it").astype(float)
 
@@ -75,13 +75,13 @@ Body = ByFormula | ByProduct
 
 
 def energy(body: Body) -> float:
-    """Kinetic, of the springs and of gravity [J]."""
+    """Return the sum of kinetic, elastic and gravitational energy [J]."""
     with np.errstate(all="ignore"):
         return float(sum(body.system.energy(body.x, body.v)))
 
 
 class Integrators(Page):
-    """Four oscillators and four cloths. `energies` tells those of the oscillators, relative to the beginning."""
+    """Four oscillators and four cloths. `energies` are those of the oscillators, relative to the start."""
 
     title = "b. Integrators"
     text = (
@@ -102,11 +102,11 @@ class Integrators(Page):
 
     @property
     def h(self) -> float:
-        """The step [s]."""
+        """Length of a step [s]."""
         return 1e-3 * self.length.value
 
     def start(self) -> None:
-        """Lets go of everything at the beginning."""
+        """Restart all oscillators and cloths."""
         self._h, self.time, self._owed = self.h, 0.0, 0.0
         system, x = oscillator()
         rope = Rope(
@@ -145,7 +145,7 @@ class Integrators(Page):
         self._draw()
 
     def step(self) -> None:
-        """One step of everything."""
+        """Advance everything by one step."""
         self.time += self._h
         for body in self.oscillators.values():
             body.step()
@@ -170,7 +170,7 @@ class Integrators(Page):
 
     @property
     def energies(self) -> dict[str, float]:
-        """Method -> energy of its oscillator, 1 at the beginning; inf where it has left the numbers."""
+        """Method -> energy of its oscillator, 1 at the start; inf if it is not finite."""
         first = 0.5 * MASS * FREQUENCY**2 * STRETCH**2
         found = {name: energy(body) / first for name, body in self.oscillators.items()}
         return {name: value if np.isfinite(value) else np.inf for name, value in found.items()}
@@ -231,7 +231,7 @@ def _implicit(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) -> t
 
 
 def _implicit_along(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Implicit Euler of the oscillator, whose equation is linear along x, without Newton's method."""
+    """Take a step of implicit Euler of the oscillator, which is linear along x and needs no Newton's method."""
     stiffness = system.constant[0] / system.masses[1]
     new = v.copy()
     new[1, 0] = (v[1, 0] - h * stiffness * (x[1, 0] - LENGTH)) / (1.0 + h**2 * stiffness)

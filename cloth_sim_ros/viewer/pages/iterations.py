@@ -27,7 +27,7 @@ SWING, PERIOD = 0.25, 3.0  # [m], [s] of the tops
 
 
 def masses() -> np.ndarray:
-    """Of the particles (SEGMENTS + 1,) [kg], from the top."""
+    """Return the masses of the particles (SEGMENTS + 1,) [kg], from the top."""
     found = np.full(SEGMENTS + 1, MASS / SEGMENTS)
     found[[0, -1]] *= 0.5
     found[-1] += LOAD
@@ -35,20 +35,20 @@ def masses() -> np.ndarray:
 
 
 def hanging(compliance: float | None, place: np.ndarray) -> HangingRope:
-    """A rope of 1/EA `compliance` [1/N], or None for PBD, that hangs from `place` (3,) [m]."""
+    """Return a rope of 1/EA `compliance` [1/N], or None for PBD, that hangs from `place` (3,) [m]."""
     segment = LENGTH / SEGMENTS
     each = None if compliance is None else compliance * segment
     return HangingRope(place, masses(), np.full(SEGMENTS, segment), each)
 
 
 def stretch_at_rest(compliance: float) -> float:
-    """By the closed form: how much longer a rope of 1/EA `compliance` [1/N] is that hangs still, relative."""
+    """Return the relative elongation of a rope of 1/EA `compliance` [1/N] that hangs at rest, by the closed form."""
     constants = np.full(SEGMENTS, SEGMENTS / (compliance * LENGTH))
     return float(hanging_extensions(masses(), constants, GRAVITY).sum() / LENGTH)
 
 
 class Iterations(Page):
-    """Three ropes that are led alike. `stretch` tells how much longer each is, relative to its length."""
+    """Three ropes that are led alike. `stretch` is the relative elongation of each."""
 
     title = "c. Iterations: PBD and XPBD"
     text = (
@@ -104,7 +104,7 @@ class Iterations(Page):
             self._hand = np.clip(drag.pointer - PLACES[name] + (0.0, 0.0, self._grip(drag)), -0.5, 0.5)
 
     def _grip(self, drag: Drag) -> float:
-        """How far below the top the rope was grasped [m]."""
+        """Return the distance [m] of the grasped point below the top."""
         if drag.phase == "start":
             self._below = float(self._points(drag.name)[0, 2] - drag.grasped[2])
         return self._below
@@ -128,7 +128,7 @@ class Iterations(Page):
 
     @property
     def stretch(self) -> dict[str, float]:
-        """Name -> how much longer the rope is than at rest, relative."""
+        """Name -> relative elongation of its rope."""
         lengths = {name: np.linalg.norm(np.diff(self._points(name), axis=0), axis=1).sum() for name in NAMES}
         return {name: float(length / LENGTH - 1.0) for name, length in lengths.items()}
 
@@ -151,7 +151,7 @@ class Iterations(Page):
         self._measuring = self.measure(self._compliance, self.substeps.value)
 
     def measure(self, compliance: float, substeps: int) -> Iterator[None]:
-        """Hangs both ropes up with each of COUNTS iterations; `measured` holds the count and their stretches."""
+        """Hang both ropes with each of COUNTS iterations; `measured` gets the count and their stretches."""
         self.measured = []
         rest = stretch_at_rest(compliance)
         for count in COUNTS:

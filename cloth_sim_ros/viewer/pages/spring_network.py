@@ -22,7 +22,7 @@ PINS = ("corners", "top", "none")
 
 
 class SpringNetwork(Page):
-    """A sheet that hangs by two corners over a ball. `show` tells of each kind: number and largest strain."""
+    """A sheet that hangs by two corners over a ball. `show` returns the number and largest strain of each kind."""
 
     title = "a. The spring network"
     text = (
@@ -73,7 +73,7 @@ class SpringNetwork(Page):
         self._draw()
 
     def show(self) -> dict[str, tuple[int, float]]:
-        """Kind -> number of its springs, and the largest strain of any of them now."""
+        """Return kind -> number of its springs, and the largest strain of any of them now."""
         positions = self.stage.sim.positions("sheet")
         found = {}
         for kind, (pairs, rest, _) in self.stage.sim.springs("sheet").items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A simulation that is drawn, and whose particles the mouse drags by a handle."""
+"""A simulation that is drawn, and a handle by which the mouse drags its particles."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Stage:
                 drawing.ball(name, thing.radius, thing.position, STEEL)
 
     def apply(self, name: str, value: Any) -> None:
-        """Sets a live parameter where the value is another one; `refused` is the sentence where it cannot be, or ""."""
+        """Set a live parameter if its value differs. `refused` is the sentence if it is not allowed, else ""."""
         if self._set.get(name) == value:
             return
         self._set[name], self.refused = value, ""
@@ -51,12 +51,12 @@ class Stage:
             self.refused = str(error)
 
     def step(self) -> None:
-        """One frame, drawn."""
+        """Simulate and draw one frame."""
         self.sim.step()
         self.draw()
 
     def draw(self) -> None:
-        """Moves what is drawn to where it is."""
+        """Move the drawn objects to their current positions."""
         for name in self.sim.scene.objects:
             if self.sim.tears(name) and len(self.sim.triangles(name)) != self._triangles[name]:
                 self._draw_cloth(name)
@@ -69,7 +69,7 @@ class Stage:
         self._drawing.cloth(name, self.sim.positions(name), triangles, self._colours[name], THIN, rest)
 
     def drag(self, drag: Drag) -> None:
-        """The hand grasps the particle that the mouse is at, brings it to where the mouse goes, and lets go."""
+        """Let the hand grasp the particle at the mouse, follow the mouse, and let go."""
         if drag.phase == "start" and drag.name in self.sim.scene.objects:
             positions = self.sim.positions(drag.name)
             vertex = int(np.linalg.norm(positions - drag.grasped, axis=1).argmin())
@@ -83,5 +83,5 @@ class Stage:
 
     @property
     def dragged(self) -> tuple[str, int] | None:
-        """Object and index of the particle that is dragged."""
+        """Object and index of the dragged particle, or None."""
         return self._vertex

@@ -89,7 +89,7 @@ class WholeCloth(Page):
         self._frames += 1
 
     def particles(self) -> np.ndarray:
-        """Positions [m] and unit normals (N, 6), as the device has them."""
+        """Return positions [m] and unit normals (N, 6), as the device has them."""
         self._readback.request()
         return self._readback.particles().copy()
 
