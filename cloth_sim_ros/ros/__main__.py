@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the node: `ros2 run cloth_sim_ros cloth_sim_node` or `python -m cloth_sim_ros.ros`.
+"""Run the node: `ros2 run cloth_sim_ros cloth_sim_node` or `python -m cloth_sim_ros.ros`.
 
 SIGINT and SIGTERM end it with status 0. ROS is imported only once they are handled and the middleware is set up.
 """
@@ -20,7 +20,7 @@ SPIN_PERIOD = 0.5  # [s] at most between a signal and its effect: the middleware
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Spins the node until a signal comes; returns the exit status. Raises no exception."""
+    """Spin the node until a signal comes; return the exit status. Raises no exception."""
     stop = Stop()
     set_up()
 
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def refuse_others(arguments: list[str]) -> None:
-    """Raises ValueError where there are arguments that are not for ROS: outside of --ros-args ... --."""
+    """Raise ValueError if there are arguments that are not for ROS, outside of --ros-args ... --."""
     others, is_for_ros = [], False
     for argument in arguments:
         if argument == ("--" if is_for_ros else "--ros-args"):
@@ -60,7 +60,7 @@ def refuse_others(arguments: list[str]) -> None:
 
 
 def spin(stop: Stop, keys: dict[str, list[str]]) -> None:
-    """Runs the node until `stop` is set, then takes everything down. keys: parameter file -> nodes that it is for."""
+    """Run the node until `stop` is set, then shut everything down. keys: parameter file -> nodes that it is for."""
     import rclpy
     import warp
     from rclpy.executors import SingleThreadedExecutor
@@ -87,7 +87,7 @@ def spin(stop: Stop, keys: dict[str, list[str]]) -> None:
 
 
 def tell_lost_parameters(node: Any, keys: dict[str, list[str]]) -> None:
-    """Warns of parameter files that are for other nodes, and of an empty scene where none was given."""
+    """Warn of parameter files for other nodes only, and of an empty scene if no file was given."""
     from cloth_sim_ros.ros.parameters.file import is_for
 
     log, name = node.get_logger(), node.get_fully_qualified_name()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A gripper as ros2_control sees it: one joint, whose position says how far the fingers are open."""
+"""A gripper as a joint of ros2_control, whose position tells the opening of the fingers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from cloth_sim_ros.ros.topics import named_topic
 
 @dataclass(frozen=True)
 class Joint:
-    """closed, open: positions [m or rad] where the fingers meet, and where they are `widest` [m] apart."""
+    """A joint, whose positions [m or rad] are `closed` with the fingers together and `open` with them `widest` [m]
+    apart."""
 
     name: str
     closed: float
@@ -23,26 +24,26 @@ class Joint:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], gripper: str) -> Joint:
-        """The joint of a gripper by its parameters."""
+        """Return the joint of a gripper by its parameters."""
         ends = (values[f"{gripper}.{field}"] for field in ("joint_closed", "joint_open", "max_opening"))
         return cls(values[f"{gripper}.joint"] or gripper, *ends)
 
     @property
     def slope(self) -> float:
-        """Opening over position. By virtual work an effort of the joint is this times the force of a finger."""
+        """Ratio of opening to position. By virtual work the joint's effort is this times the force of a finger."""
         return self.widest / (self.open - self.closed)
 
     def position(self, opening: float) -> float:
-        """The position at an opening [m]."""
+        """Return the position at an opening [m]."""
         return self.closed + opening / self.slope
 
     def opening(self, position: float) -> float:
-        """The opening [m] at a position, which may be beyond both ends."""
+        """Return the opening [m] at a position, which may be beyond both ends."""
         return (position - self.closed) * self.slope
 
 
 def topic_of(values: Mapping[str, Any], gripper: str, field: str, node: Node, kind: type) -> str:
-    """The topic for messages of a `kind` that a parameter of a gripper names; "" for none, see `named_topic`."""
+    """Return the topic for messages of a `kind` that a gripper's parameter names; "" for none, see `named_topic`."""
     if values[f"{gripper}.joint_open"] == values[f"{gripper}.joint_closed"]:
         return ""
     return named_topic(values, f"{gripper}.{field}", node, kind)

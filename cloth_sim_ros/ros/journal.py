@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What acted on a world, and in which order; outputs/journal.py sends it."""
+"""Journal of the acts on a world, in order; outputs/journal.py sends it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ACTS = ("advance", "attach", "cut", "move", "put", "reset", "set_live", "set_pay
 
 
 class Journal:
-    """What acts on a World, in order, while it `runs`. Owned by the thread that simulates."""
+    """Acts on a World, in order, noted while it `runs`. Owned by the thread that simulates."""
 
     def __init__(self):
         self.runs = False
@@ -18,15 +18,15 @@ class Journal:
         self._acts: list[list] = []
 
     def note(self, act: str, *arguments: Any) -> None:
-        """Something of ACTS is done now."""
+        """Note an act of ACTS."""
         if self.runs:
             self._acts.append([act, *arguments])
 
     def cut(self) -> None:
-        """The simulation is another one now, or goes on from another state."""
+        """Note that the simulation is another one now, or goes on from another state."""
         self.is_cut = True
 
     def take(self) -> list[list]:
-        """What was noted since the last time."""
+        """Return the acts since the last call."""
         acts, self._acts = self._acts, []
         return acts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node `cloth_sim`: wires parameters, inputs, the simulation loop and outputs together."""
+"""The node `cloth_sim`: it connects parameters, inputs, the simulation loop and outputs."""
 
 from __future__ import annotations
 
@@ -46,8 +46,10 @@ WORTH_ANOTHER_THREAD = 100_000  # bytes of a frame's messages: fewer are sent so
 
 
 class ClothSimNode(Node):
-    """Callbacks run in the executor's thread and only check and hand over; the loop's thread simulates, and a third one
-    sends large messages of a frame during the next."""
+    """The node. Callbacks run in the executor's thread and only check and pass on; the loop's thread simulates.
+
+    A third thread sends large messages of a frame during the next.
+    """
 
     def __init__(self, **node_arguments: Any):
         # Undeclared parameters pass rclpy, which would not name them, and are refused by the bridge.
@@ -101,7 +103,7 @@ class ClothSimNode(Node):
         self._loop.start()
 
     def stop(self) -> bool:
-        """Ends the simulation; False if a thread is still busy after 2 s."""
+        """End the simulation; return False if a thread is still busy after 2 s."""
         stop_reading()
         logging.getLogger(PACKAGE).removeHandler(self._forwarded)
         ended = self._loop.stop()
@@ -171,7 +173,7 @@ class ClothSimNode(Node):
         return response
 
     def _look_for_namesakes(self) -> None:
-        """Warns where another node has this one's name: whatever is sent to one reaches both."""
+        """Warn if another node has this one's name, as messages to one reach both."""
         ours = (self.get_name(), self.get_namespace())
         alone = self.get_node_names_and_namespaces().count(ours) == 1
         if self._alone and not alone:
@@ -184,8 +186,10 @@ class ClothSimNode(Node):
         self._diagnostics.publish(busy(self.get_fully_qualified_name(), sentence))
 
     async def _answer(self, response: Any, command: Callable, message: str = "") -> Any:
-        """Answers with what `command` gives in the loop's thread, success and a sentence, or where it gives nothing
-        with `message`."""
+        """Run `command` in the loop's thread and answer with its result, success and a sentence.
+
+        If it returns nothing, the answer is `message`.
+        """
         try:
             found = await settled(self, self._loop.submit(command), PATIENCE)
             response.success, response.message = found or (True, message)
@@ -222,7 +226,7 @@ class ClothSimNode(Node):
             output.attach(world.sim, self._bridge.values)
 
     def _show(self, come: Collection[Output], go: Collection[Output]) -> None:
-        """Has outputs of single objects come and go; they are attached as the simulation is built anew."""
+        """Add and remove outputs of single objects; they are attached as the simulation is built anew."""
         self._end_sending()
         self._outputs[:] = [output for output in self._outputs if output not in go] + [*come]
 
@@ -247,7 +251,7 @@ class ClothSimNode(Node):
         return waited
 
     def _end_sending(self) -> None:
-        """Waits for the other thread, before anything that it reads is written anew."""
+        """Wait for the sending thread, before anything that it reads is overwritten."""
         if self._sending is not None:
             sending, self._sending = self._sending, None
             sending.result()
@@ -264,8 +268,11 @@ class ClothSimNode(Node):
         self._diagnostics.publish(diagnostics(name, world, pace, self._loop.paused, refused, by_clock))
 
     def _now(self, world: World) -> int:
-        """Nanoseconds for stamps: simulated ones where this node is the source of time, which never run backwards, and
-        those at the end of the frame where it follows one."""
+        """Return the time of stamps [ns].
+
+        It is the simulated time, which never runs backwards, if this node is the source of time. If the node follows a
+        clock, it is that at the end of the frame. Otherwise it is the time of the node's clock.
+        """
         if self._makes_time:
             return round(1e9 * world.simulated)
         return self._follower.time if self._follower.active else self.get_clock().now().nanoseconds

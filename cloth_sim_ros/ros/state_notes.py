@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node keeps with a saved state: what topics ask for, over parameters that wait; and parameters after a load."""
+"""Notes of a node in a saved state: commands of topics, the parameters they suspend; and parameters after a load."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _AGE = replace(_PAY_OUT, low=0.0, high=1e9)  # [s]
 
 
 def notes_of(wind: Vector | None, rates: Rates, now: float, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The notes at `now` [s]: wind [m/s] and rates by topic, and the parameters that act again when these end."""
+    """Return the notes at `now` [s]: wind [m/s] and rates by topic, and the parameters that these suspend."""
     waiting = [f"{rope}.winch.pay_out" for rope in rates] + (["wind.velocity"] if wind is not None else [])
     ages = {rope: (rate, now - since) for rope, (rate, since) in rates.items()}
     return {"node": {"wind": wind, "rates": ages, "waiting": {name: values[name] for name in waiting}}}
 
 
 def read_notes(notes: Any, now: float, values: Mapping[str, Any]) -> tuple[Vector | None, Rates, dict, dict]:
-    """Wind, rates, parameters, and what grippers were asked for, of the notes of a file that is loaded at `now` [s].
+    """Return wind, rates, parameters and gripper commands from the notes of a file that is loaded at `now` [s].
 
-    Nothing of notes that no node of a scene with the parameters `values` has written: a program may note anything.
+    Notes that no node of a scene with the parameters `values` has written give nothing: a program may note anything.
     """
     try:
         node = notes["node"]
@@ -53,9 +53,9 @@ def read_notes(notes: Any, now: float, values: Mapping[str, Any]) -> tuple[Vecto
 
 
 def live_values(sim: Simulation, values: Mapping[str, Any]) -> dict[str, Any]:
-    """What the parameters of `values` that are live numbers of a simulation are in it now, where they differ.
+    """Return the live parameters of `values` whose numbers differ in the simulation, with its numbers.
 
-    A value stays as it is where float32, in which it is computed, holds it as the same.
+    Numbers that are equal in float32, in which they are computed, do not differ.
     """
     found = {}
     for name, before in values.items():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services ~/save and ~/load: the state of the simulation into a file, and back."""
+"""The services ~/save and ~/load, which write the state of the simulation into a file and read it back."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cloth_sim_ros.ros.time.loop import SimulationLoop
 class StateServices:
     """The loop's thread saves and loads between two frames, while the executor of `node` goes on.
 
-    answer(response, command) has `command` run there and answers with what it gives.
+    answer(response, command) runs `command` there and answers with its result.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class StateServices:
         return response
 
     def _save(self, file: str) -> tuple[bool, str]:
-        """In the loop's thread."""
+        """Save the state, in the loop's thread."""
         home, path = _home(), _state_path(file)
         if path.parent == home:  # no other folder is made: state_file may name any
             with suppress(OSError):  # the answer says that the file cannot be written
@@ -49,7 +49,7 @@ class StateServices:
         return self._loop.world.save(path)
 
     def _load(self, file: str) -> tuple[bool, str]:
-        """In the loop's thread."""
+        """Load the state, in the loop's thread."""
         done, sentence, values = self._loop.world.load(_state_path(file))
         self._loaded.append(values)
         if self._node.executor is not None:  # where it took so long that the answer is given already
@@ -57,13 +57,13 @@ class StateServices:
         return done, sentence
 
     def _follow(self) -> None:
-        """In the executor's thread."""
+        """Let parameters follow the loaded states, in the executor's thread."""
         while self._loaded:
             self._bridge.follow(self._loaded.pop(0))
 
 
 def _state_path(file: str) -> Path:
-    """Where a file of the parameter state_file is: a relative one in ROS_HOME, or in ~/.ros. Raises ValueError."""
+    """Return the path of the parameter state_file: a relative one lies in ROS_HOME, or in ~/.ros. Raises ValueError."""
     return _home() / _expanded(file)
 
 

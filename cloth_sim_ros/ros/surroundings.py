@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a program sets in its environment before ROS and Warp are imported."""
+"""Environment variables that a program sets before ROS and Warp are imported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def set_up() -> None:
-    """Has the middleware send large messages, and files go where they can be written, unless the user has chosen."""
+    """Set the middleware up for large messages, and folders that can be written, unless the user has chosen them."""
     if "FASTDDS_BUILTIN_TRANSPORTS" not in os.environ:
         profile = Path(__file__).with_name("fastdds.xml")
         os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile))
@@ -24,14 +24,17 @@ def set_up() -> None:
 
 
 def _can_be_written(folder: Path) -> bool:
-    """Whether there is such a folder to write to, or it can be made."""
+    """Return True if the folder can be written to, or can be made."""
     while not folder.exists():
         folder = folder.parent
     return os.access(folder, os.W_OK | os.X_OK)
 
 
 def _own_folder() -> Path:
-    """A folder for temporary files that later starts find again, as it has kernels; nobody else may write there."""
+    """Return a folder for temporary files that later starts find again, as it has kernels.
+
+    Nobody else may write there.
+    """
     folder = Path(tempfile.gettempdir()) / f"cloth_sim_{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     about = folder.lstat()

@@ -12,9 +12,9 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 
 
 def named_topic(values: Mapping[str, Any], parameter: str, node: Node, kind: type) -> str:
-    """The topic for messages of a `kind` that a parameter names; "" for none, and for one that `node` cannot have.
+    """Return the topic for messages of a `kind` that a parameter names; "" for none.
 
-    The log has an error for the second.
+    A topic that `node` cannot have gives "" and an error in the log.
     """
     topic = values[parameter]
     trouble = _trouble(topic, node, kind) if topic else ""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulation that runs: built from parameter values, rebuilt when they change, fed with poses and wind."""
+"""The running simulation: built from parameter values, rebuilt when they change, fed with poses and wind."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.substeps.limits import Unstable
 class World:
     """Owned by the thread that simulates; only the tracks may be pushed to from elsewhere.
 
-    log: anything with info(), warning() and error(). sim is None while nothing could be built, and `trouble` says why.
+    log: any object with info(), warning() and error(). sim is None until a build succeeds, and `trouble` says why.
     """
 
     def __init__(self, values: Mapping[str, Any], log: Any, frames: Frames | None = None):
@@ -60,7 +60,10 @@ class World:
         self._log = log
 
     def build(self, values: Mapping[str, Any]) -> bool:
-        """Builds the simulation of `values`. If that fails, the one before goes on and the log says why."""
+        """Build the simulation of `values`; return True if that succeeds.
+
+        If not, the simulation before goes on and the log says why.
+        """
         self._log.info("building the simulation; kernels that were never used here take up to two minutes to compile")
         try:
             plan = make_plan(values)
@@ -97,7 +100,7 @@ class World:
         return True
 
     def _tracks_with(self, plan: Plan) -> dict[str, PoseTrack]:
-        """The tracks of a simulation with the robot of `plan`, whose links go on from where they are."""
+        """Return the tracks of a simulation with the robot of `plan`, whose links go on from their poses."""
         tracks = {name: track for name, track in self.tracks.items() if name not in self.mounts}
         for name in plan.mounts:
             collider = plan.scene.colliders[name]
@@ -106,7 +109,7 @@ class World:
         return tracks
 
     def _keep_states(self, sim: Simulation, values: Mapping[str, Any]) -> None:
-        """Objects whose structure is as it was go on from where they are."""
+        """Let objects of unchanged structure go on from their current states."""
         if self.sim is None:
             return
         for name in sim.scene.objects:
@@ -114,9 +117,9 @@ class World:
                 sim.take_over(name, self.sim)
 
     def set_live(self, name: str, value: Any, values: Mapping[str, Any]) -> bool:
-        """Applies the changed live parameter `name`; `values` are all of them with the change.
+        """Apply the changed live parameter `name`; `values` are all of them with the change.
 
-        False where explicit steps would fly apart with it: nothing has changed then.
+        Returns False if explicit steps would be unstable with it: nothing has changed then.
         """
         self.journal.note("set_live", name, value)
         owner, _, field = name.rpartition(".")
@@ -157,28 +160,30 @@ class World:
         return True
 
     def set_wind(self, velocity: Vector) -> None:
-        """Sets the wind [m/s] from a message."""
+        """Set the wind [m/s] from a message."""
         self.journal.note("set_wind", velocity)
         self._wind = velocity
         if self.sim is not None and self.sim.scene.wind is not None:
             self.sim.set_wind(velocity)
 
     def set_pay_out(self, rope: str, rate: float) -> None:
-        """Sets the rate of a winch [m/s] from a message."""
+        """Set the rate of a winch [m/s] from a message."""
         self.journal.note("set_pay_out", rope, rate)
         self._winches.command(self.sim, rope, rate, self.simulated)
 
     def set_gripper(self, name: str, what: str, value: float) -> None:
-        """Sets the opening [m] or the force [N] of a gripper from a message."""
+        """Set the opening [m] or the force [N] of a gripper from a message."""
         self.grippers.command(name, what, value)
 
     def move_gripper(self, name: str, points: Sequence[tuple[float, float]]) -> None:
-        """Has a gripper go through points of time from now on [s] and opening [m]; without any it stays."""
+        """Move a gripper through points of time from now on [s] and opening [m]; without any it stays."""
         self.grippers.follow(name, self.simulated, points)
 
     def reset(self) -> None:
-        """Objects back to their start and winches to their parameters; colliders stay where the last pose put them, as
-        their senders believe."""
+        """Reset objects to their start and winches to their parameters.
+
+        Colliders stay at their last poses, as their senders believe.
+        """
         self.journal.note("reset")
         self.resets += 1
         self.is_at_start = True
@@ -192,21 +197,21 @@ class World:
         self.grasps.reset(self.sim, self.tracks, self.in_effect)
 
     def poses(self) -> dict[str, Pose | Collider]:
-        """Where colliders and handles are: what has a position and an orientation, by name."""
+        """Return name -> pose, or an object with position and orientation, of all colliders and handles."""
         return {**{name: track.pose for name, track in self.tracks.items()}, **self.added.colliders}
 
     def put(self, name: str, collider: Collider) -> tuple[bool, str]:
-        """Adds a collider, or moves one that was added; whether that can be, and why not."""
+        """Add a collider, or move one that was added; return True, or False and the reason."""
         self.journal.note("put", name, collider)
         return self.added.put(self.sim, name, collider)
 
     def take_away(self, name: str) -> None:
-        """Takes a collider away that was added, if there is one of this name."""
+        """Remove the added collider of this name, if there is one."""
         self.journal.note("take_away", name)
         self.added.take_away(self.sim, name)
 
     def place(self, name: str, pose: Pose) -> None:
-        """Puts a collider, or a handle that holds nothing, at `pose` at once, without a motion."""
+        """Put a collider, or a handle that holds nothing, at `pose` at once, without a motion."""
         self.journal.cut()  # it has no act for that, nor for the next one
         if name in self.added.colliders:
             self.added.colliders[name] = replace(self.added.colliders[name], **placed(pose))
@@ -216,7 +221,7 @@ class World:
         put(name, pose.position, pose.orientation, sweep=False)
 
     def place_object(self, name: str, positions: np.ndarray | None, velocities: np.ndarray | None) -> None:
-        """Puts the particles of an object at positions (N, 3) [m] with velocities (N, 3) [m/s]; None leaves them."""
+        """Set the positions (N, 3) [m] and velocities (N, 3) [m/s] of an object's particles; None leaves them."""
         self.journal.cut()
         if positions is not None:
             self.sim.set_positions(name, positions)
@@ -224,7 +229,7 @@ class World:
             self.sim.set_velocities(name, velocities)
 
     def attach(self, handle: str, on: bool) -> tuple[bool, str]:
-        """Has a handle grasp or let go; whether it did, and one sentence about it."""
+        """Let a handle grasp or let go; return True if that succeeded, and one sentence about it."""
         if self.sim is None:
             return False, f"no simulation: {self.trouble}"
         self.journal.note("attach", handle, on)
@@ -233,7 +238,7 @@ class World:
         return done, sentence
 
     def cut(self, polygon: list[Vector]) -> None:
-        """Cuts all that tears along a flat polygon [m], and says in the log what that cuts."""
+        """Cut all objects that tear along a flat polygon [m], and log the cut springs."""
         self.journal.note("cut", polygon)
         if self.sim is None:
             return
@@ -242,7 +247,7 @@ class World:
         self._log.info(f"a cut goes through {told or 'nothing'}")
 
     def advance(self) -> float:
-        """Simulates one frame and returns its length [s]. On a GPU the frame may still be under way."""
+        """Simulate one frame and return its length [s]. On a GPU the frame may still be under way."""
         frame_dt = self.sim.settings.frame_dt
         self._winches.end_old_commands(self.sim, self.in_effect, self.simulated)
         for name in self._followers.advance(self.tracks, self.in_effect, self.mounts):
@@ -265,7 +270,7 @@ class World:
         return frame_dt
 
     def save(self, path: Path) -> tuple[bool, str]:
-        """Writes the state into a file, with what topics have asked for; whether that could be, and one sentence."""
+        """Save the state with the commands of topics; return True if that succeeded, and one sentence."""
         if self.sim is None:
             return False, f"no simulation: {self.trouble}"
         try:
@@ -275,13 +280,15 @@ class World:
         return True, f"the state at {self.sim.time:.6g} s is saved in {path}"
 
     def notes(self) -> dict[str, Any]:
-        """What topics have asked for, to be saved with the state."""
+        """Return the commands of topics, to be saved with the state."""
         notes = notes_of(self._wind, self._winches.rates, self.simulated, self.in_effect)
         return {**notes, "grippers": self.grippers.asked}
 
     def load(self, path: Path) -> tuple[bool, str, dict[str, Any]]:
-        """Goes on from a file; whether that can be, one sentence, and the live parameters with the values they have
-        now. The simulation is as it was where it cannot be."""
+        """Load a state; return True if that succeeded, one sentence, and the live parameters that differ now.
+
+        The simulation stays as it is if the file cannot be loaded.
+        """
         if self.sim is None:
             return False, f"no simulation: {self.trouble}", {}
         builds = self.sim.builds
@@ -306,24 +313,24 @@ class World:
         return True, f"the simulation goes on at {self.sim.time:.6g} s from {path}", values
 
     def report(self) -> dict[str, dict[str, float]]:
-        """The simulation's report; what is worth it goes to the log."""
+        """Return the simulation's report, and log its events."""
         report = self.sim.report()
         self._reported.reasons(self.sim)
         self._reported.report(report, self.in_effect)
         return report
 
     def forget_stamps(self) -> None:
-        """Colliders stay where they are and take poses with any stamp, as the clock has gone back."""
+        """Let colliders stay and take poses with any stamp, as the clock has gone back."""
         for track in self.tracks.values():
             track.restart()
 
     def fail(self, why: str) -> None:
-        """Drops a simulation that cannot go on; the next structural parameter change builds another."""
+        """Drop a simulation that cannot go on; the next structural parameter change builds another."""
         self._log.error(f"{why}; waiting for a parameter change")
         self.trouble, self.sim = why, None  # whoever sees that there is none finds out why
 
     def finish(self) -> None:
-        """Waits until the device has done all that was asked of it."""
+        """Wait until the device is idle."""
         warp.synchronize_device(self.sim.device)
 
 

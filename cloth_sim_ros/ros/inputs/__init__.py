@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics that come in: checked, in the frame of the scene, and handed over."""
+"""Incoming topics: messages are checked, transformed into the frame of the scene, and passed on."""

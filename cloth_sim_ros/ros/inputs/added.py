@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The colliders that topics have added, kept through rebuilds of the simulation."""
+"""Colliders that topics have added, kept through rebuilds of the simulation."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 
 
 class Added:
-    """Owned by the thread that simulates. colliders: name -> collider, where it is."""
+    """Owned by the thread that simulates. colliders: name -> collider, at its current pose."""
 
     def __init__(self):
         self.colliders: dict[str, Collider] = {}
 
     def put(self, sim: Simulation | None, name: str, collider: Collider) -> tuple[bool, str]:
-        """Adds a collider, or moves one that was added; whether that can be, and why not."""
+        """Add a collider, or move one that was added; return True, or False and the reason."""
         before = self.colliders.get(name)
         try:
             if sim is not None and before is not None and replace(before, **placed(collider)) == collider:
@@ -31,17 +31,17 @@ class Added:
         return True, ""
 
     def take_away(self, sim: Simulation | None, name: str) -> None:
-        """Takes a collider away, if there is one of this name."""
+        """Remove the collider of this name, if there is one."""
         if self.colliders.pop(name, None) is not None and sim is not None:
             sim.remove_collider(name)
 
     def put_all(self, sim: Simulation) -> None:
-        """Has a new simulation have them too."""
+        """Add all colliders to a new simulation."""
         for name, collider in self.colliders.items():
             sim.add_collider(name, collider)
 
     def look(self, sim: Simulation, given: Collection[str]) -> None:
-        """Takes over what a loaded simulation has beside the colliders `given` by parameters, where they are."""
+        """Adopt the colliders of a loaded simulation at their poses, without those `given` by parameters."""
         self.colliders = {
             name: replace(collider, position=sim.get(f"{name}.position"), orientation=sim.get(f"{name}.orientation"))
             for name, collider in sim.scene.colliders.items()

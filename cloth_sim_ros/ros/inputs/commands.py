@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics that say what to do: wind, winches, grippers and cuts. Callbacks only check and hand over."""
+"""Topics that command wind, winches, grippers and cuts. Callbacks only check messages and pass them on."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses in other frames than ours, by tf2 where it is installed; elsewhere they are refused."""
+"""Poses in other frames than ours, by tf2 if it is installed; otherwise they are refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cloth_sim_ros.ros.inputs.pose_track import Pose, PoseTrack, Vector, compose
 from cloth_sim_ros.sim.physics.quaternion import rotate
 
 FARTHEST = parameters.row(parameters.COLLIDER, "position").high  # [m]
-UNIT_TOLERANCE = 1e-2  # how far from 1 a quaternion's norm may be: rounding and integration drift, not mistakes
+UNIT_TOLERANCE = 1e-2  # largest deviation of a quaternion's norm from 1: rounding and integration drift, not mistakes
 
 Mounts = Mapping[str, tuple[str, Pose]]  # collider of the robot -> its link, and its pose in the axes of that
 
@@ -32,7 +32,7 @@ class Refused(ValueError):
 
 
 def bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
-    """The vector. Raises Refused where it is not finite or beyond `limit`."""
+    """Return the vector. Raises Refused if it is not finite or beyond `limit`."""
     if not all(map(math.isfinite, vector)):
         raise Refused("finite", f"its {what} {_numbers(vector)} is not finite")
     if max(map(abs, vector)) > limit:
@@ -41,7 +41,10 @@ def bounded(vector: Vector, limit: float, what: str, unit: str) -> Vector:
 
 
 def checked(pose: Pose) -> Pose:
-    """The pose, whose orientation is of unit norm. Raises Refused where it is no place for anything."""
+    """Return the pose with an orientation of unit norm.
+
+    Raises Refused if it is not finite, too far away, or no rotation.
+    """
     bounded(pose.position, FARTHEST, "position", "m")
     x, y, z, w = pose.orientation
     norm = math.hypot(x, y, z, w)
@@ -56,12 +59,12 @@ def _numbers(values: tuple[float, ...]) -> str:
 
 
 class Frames:
-    """What is in frame `ours`, and what can be brought there.
+    """Transforms of poses and vectors into the frame `ours`.
 
-    buffer: a tf2_ros.Buffer or what has its `lookup_transform`; with None, one that listens through `node` is made when
-    it is needed first. An empty frame, as typed by hand, is ours. links: those of the robot that go by the positions of
-    its joints -> stamp [s] and place; replaced as a whole, from any thread. waits: the topic of these positions, "" for
-    none.
+    An empty frame, as typed by hand, is ours. buffer: a tf2_ros.Buffer or an object with its `lookup_transform`; with
+    None, one that listens through `node` is made at the first use. links: those of the robot that follow the positions
+    of its joints -> stamp [s] and pose; replaced as a whole, from any thread. waits: the topic of these positions, or
+    "".
     """
 
     def __init__(self, ours: str, node: Node | None = None, buffer: Any = None):
@@ -71,19 +74,19 @@ class Frames:
         self.waits = ""
 
     def pose(self, pose: Pose, frame: str, stamp: Time) -> Pose:
-        """A pose in `frame` at `stamp`, in ours. Raises Refused."""
+        """Return a pose, given in `frame` at `stamp`, in our frame. Raises Refused."""
         if frame in ("", self.ours):
             return pose
         return composed(self._lookup(frame, stamp)[1], pose)
 
     def vector(self, vector: Vector, frame: str, stamp: Time) -> Vector:
-        """A free vector in `frame`, in ours. Raises Refused."""
+        """Return a free vector, given in `frame`, in our frame. Raises Refused."""
         if frame in ("", self.ours):
             return vector
         return tuple(rotate(self._lookup(frame, stamp)[1].orientation, np.array([vector]))[0].tolist())
 
     def place(self, frame: str) -> tuple[float, Pose]:
-        """The newest stamp [s] for which it is known where `frame` is, and where. Raises Refused."""
+        """Return the newest stamp [s] at which the pose of `frame` is known, and that pose. Raises Refused."""
         if self.waits and not self.links:
             raise Refused("joints", f"nothing has come on {self.waits} yet")
         return self.links.get(frame) or self._lookup(frame, Time())
@@ -113,7 +116,7 @@ class Frames:
 
 
 class Followers:
-    """Colliders, handles and grippers that go where a frame of tf, or a link of the robot, is."""
+    """Colliders, handles and grippers that follow a frame of tf, or a link of the robot."""
 
     def __init__(self, frames: Frames, log: Any):
         self._frames, self._log = frames, log
@@ -122,9 +125,10 @@ class Followers:
         self._told: dict[str, str] = {}
 
     def advance(self, tracks: Mapping[str, PoseTrack], values: Mapping[str, Any], mounts: Mounts) -> list[str]:
-        """Puts the newest place of every followed frame into its track; what is late or unknown is told once.
+        """Push the newest pose of every followed frame to its track; warn once of frames that are late or unknown.
 
-        mounts: the parts of the robot. Returns those that are located for the first time, at their place already.
+        mounts: the parts of the robot. Returns the parts that are located for the first time; they rest at their pose
+        already.
         """
         troubles: dict[str, str] = {}
         located = []
@@ -145,7 +149,7 @@ class Followers:
         return located
 
     def _follow(self, name: str, track: PoseTrack, frame: str, offset: Pose | None, timeout: float) -> bool:
-        """Whether a part of the robot is located for the first time.
+        """Push the newest pose of a frame; return True if it locates a part of the robot for the first time.
 
         Raises ValueError, in words that follow "stays where it is: ".
         """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the handles of the simulation that runs hold: by service and parameter, through resets and rebuilds."""
+"""Grasps of the handles in the running simulation, by service and parameter, through resets and rebuilds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cloth_sim_ros.sim import Simulation
 class Grasps:
     """Owned by the thread that simulates.
 
-    told(handle, attached) is called in that thread where a handle lets go by itself.
+    told(handle, attached) is called in that thread if a handle lets go by itself.
     """
 
     def __init__(self, log: Any, told: Callable[[str, bool], None] = lambda handle, attached: None):
@@ -24,7 +24,7 @@ class Grasps:
         self._broken: dict[str, int] = {}
 
     def set(self, sim: Simulation, handle: str, on: bool) -> tuple[bool, str]:
-        """Grasps or lets go; whether it then is as asked, and one sentence about it."""
+        """Grasp or let go; return True if that succeeded, and one sentence about it."""
         if handle not in sim.scene.handles:
             return False, f"{handle} is left out of the simulation; the log says why"
         if not on:
@@ -44,13 +44,13 @@ class Grasps:
         return f"the nearest particle is of {nearest}, {apart[nearest]:.3g} m away, or it is pinned or held already"
 
     def tell_empty(self, sim: Simulation, values: Mapping[str, Any]) -> None:
-        """Says in the log which handles should hold something and do not, as nothing is within their reach."""
+        """Warn of handles that should hold something but have nothing within their reach."""
         for name in sim.scene.handles:
             if values[f"{name}.attached"] and not sim.held(name):
                 self._log.warning(f"{name} holds nothing: {self._why(sim, name)}")
 
     def reset(self, sim: Simulation, tracks: Mapping[str, PoseTrack], values: Mapping[str, Any]) -> None:
-        """Handles stay where the last pose put them; those that are attached grasp what is there now."""
+        """Put handles at their last poses; attached ones grasp the particles that are there now."""
         for name in sim.scene.handles:
             sim.release(name)
             sim.set_handle_pose(name, tracks[name].pose.position, tracks[name].pose.orientation, sweep=False)
@@ -58,11 +58,11 @@ class Grasps:
                 sim.attach(name)
 
     def look(self, sim: Simulation) -> None:
-        """Takes note of a state that was loaded: what let go in it is no news."""
+        """Adopt a loaded state: handles that had let go in it are not reported."""
         self._broken = {name: sim.broken(name) for name in sim.scene.handles}
 
     def watch(self, sim: Simulation, values: Mapping[str, Any]) -> None:
-        """Says in the log which handles let go in the last frame because their load was too large."""
+        """Warn of handles that let go in the last frame because their load was too large."""
         for name in sim.scene.handles:
             if values[f"{name}.break_force"] <= 0.0:
                 continue

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Grippers by the messages of ros2_control: commands and trajectories of a joint. None is lost that has come."""
+"""Grippers by the messages of ros2_control: commands and trajectories of a joint. No message is dropped."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.ros.world import World
 
 EVERY_ONE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-ROUNDING = 1e-3  # of the widest opening, by which a position may be beyond its ends without a word
+ROUNDING = 1e-3  # share of the widest opening by which a position may exceed its ends without a warning
 
 
 class GripperJoints:
     """The subscriptions of `node`, whose callbacks run in the executor's thread.
 
-    now(world) is the time of stamps [ns]. A command waits in the loop's queue while the simulation is built. One that
-    comes while it is paused moves the fingers when it goes on.
+    now(world) returns the time of stamps [ns]. A command waits in the loop's queue while the simulation is built. A
+    command that arrives during a pause moves the fingers when the simulation goes on.
     """
 
     def __init__(
@@ -69,9 +69,9 @@ class GripperJoints:
         self._loop.submit(command)
 
     def _command(self, topic: str, gripper: str, joint: Joint, message: JointState) -> Callable:
-        """What a command has the loop do: to an opening, or with a force where there is no position.
+        """Return the loop's command for a message: an opening or, without a position, a force.
 
-        NaN is no command, as in ros2_control.
+        NaN is no command, as in ros2_control. Raises Refused.
         """
         number = message.name.index(joint.name)
         position, effort = (
@@ -87,7 +87,10 @@ class GripperJoints:
         return partial(self._set, gripper, "force", force)
 
     def _trajectory(self, topic: str, gripper: str, joint: Joint, message: JointTrajectory) -> Callable:
-        """What a trajectory has the loop do. Its times count from its stamp; a stamp of zero means now."""
+        """Return the loop's command for a trajectory. Raises Refused.
+
+        Its times count from its stamp; a stamp of zero means now.
+        """
         number, stamp = message.joint_names.index(joint.name), message.header.stamp
         begin = stamp.sec + 1e-9 * stamp.nanosec
         late = 1e-9 * self._now(self._loop.world) - begin if begin else 0.0
@@ -105,7 +108,7 @@ class GripperJoints:
         return partial(self._move, gripper, ahead or [(0.0, points[-1][1])] if points else [])
 
     def _opening(self, topic: str, joint: Joint, position: float) -> float:
-        """The opening [m] of a position, cut to what there is."""
+        """Return the opening [m] at a position of the joint, clipped to its range."""
         opening = joint.opening(position)
         if not -ROUNDING * joint.widest <= opening <= (1.0 + ROUNDING) * joint.widest:
             ends = f"{joint.closed:g} and {joint.open:g}"
@@ -120,7 +123,7 @@ class GripperJoints:
 
 
 def _of_joint(numbers: Sequence[float], number: int, count: int, what: str) -> float:
-    """The number of a joint, NaN where there is none. Raises Refused."""
+    """Return the number of a joint, NaN if the message has none. Raises Refused."""
     if len(numbers) == 0:
         return math.nan
     if len(numbers) != count:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The grippers of the simulation that runs: fingers that go where openings and forces, by topic or parameter, ask."""
+"""Grippers of the running simulation: fingers that follow openings and forces set by topic or parameter."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ ASKED = ("opening", "force")  # topics, and live parameters
 
 
 def finger_names(names: tuple[str, ...]) -> list[str]:
-    """The names of the colliders of these grippers."""
+    """Return the names of the colliders of these grippers."""
     return [f"{name}_{side}" for name in names for side in SIDES]
 
 
 class Grippers:
     """Owned by the thread that simulates. It moves the fingers by their tracks, as topics move colliders.
 
-    drivers: by name, of the grippers that are there. asked: gripper -> what a topic asked for last and how much of it,
-    until a parameter does. plans: gripper -> times of the simulation [s] and openings [m] that it goes through.
+    drivers: gripper -> its driver. asked: gripper -> the last command of a topic and its value, until a parameter is
+    set. plans: gripper -> times of the simulation [s] and openings [m] that it goes through.
     """
 
     def __init__(self) -> None:
         self.drivers: dict[str, GripperDriver] = {}
         self.asked: dict[str, tuple[str, float]] = {}
         self.plans: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self.is_driven = True  # else the fingers' tracks are moved from elsewhere, as by a recording
+        self.is_driven = True  # False if the fingers' tracks are moved from elsewhere, as by a recording
 
     def prepare(self, grippers: Mapping[str, Gripper], tracks: Mapping[str, PoseTrack]) -> dict[str, GripperDriver]:
-        """The drivers for another simulation, which go on from where they are; the fingers of others are put there."""
+        """Return the drivers for another simulation, which keep their openings; place the fingers of new grippers."""
         drivers = {}
         for name, gripper in grippers.items():
             driver = drivers[name] = GripperDriver(name, gripper)
@@ -49,7 +49,7 @@ class Grippers:
         return drivers
 
     def build(self, drivers: dict[str, GripperDriver]) -> None:
-        """Another simulation has these, and does what topics asked for."""
+        """Adopt the drivers of another simulation, and repeat the commands of topics."""
         self.drivers = drivers
         for name, (what, value) in self.asked.items():
             if name in drivers:
@@ -58,7 +58,7 @@ class Grippers:
                 )
 
     def look(self, sim: Simulation, asked: Mapping[str, tuple[str, float]]) -> None:
-        """Goes on from where the fingers are in a state that was loaded, in which topics had asked for this."""
+        """Adopt the finger poses of a loaded state, and `asked`, the commands of topics in it."""
         self.asked, self.plans = dict(asked), {}
         for name, driver in self.drivers.items():
             left, right = (np.array(sim.get(f"{finger}.position")) for finger in finger_names((name,)))
@@ -66,14 +66,14 @@ class Grippers:
         self.build(self.drivers)
 
     def command(self, name: str, what: str, value: float) -> None:
-        """Sets an opening [m] or a force [N] by a message, in the place of a plan."""
+        """Set an opening [m] or a force [N] by a message, in the place of a plan."""
         self.plans.pop(name, None)
         self.asked[name] = what, value
         if name in self.drivers:
             _drive(self.drivers[name], what, value)
 
     def follow(self, name: str, now: float, points: Sequence[tuple[float, float]]) -> None:
-        """Has a gripper go through openings [m], each so many seconds after `now` [s]; without points it stays."""
+        """Move a gripper through openings [m], each so many seconds after `now` [s]; without points it stays."""
         opening = self.drivers[name].opening if name in self.drivers else points[0][1] if points else None
         if opening is None:
             return
@@ -83,7 +83,7 @@ class Grippers:
             self.plans[name] = now + np.array(times), np.array(openings)
 
     def set_parameter(self, sim: Simulation | None, name: str, field: str, value: Any) -> None:
-        """Sets a live parameter of a gripper; its pose is a track's."""
+        """Set a live parameter of a gripper. Its pose is set by a track instead."""
         driver = self.drivers.get(name)
         if driver is None:
             return
@@ -98,7 +98,7 @@ class Grippers:
                 sim.set(f"{finger}.{field}", value)
 
     def advance(self, sim: Simulation, tracks: Mapping[str, PoseTrack], until: float) -> None:
-        """Has the tracks of the fingers go where they are to be at the end of the coming frame, at `until` [s]."""
+        """Move the tracks of the fingers to their poses at the end of the coming frame, at `until` [s]."""
         if not self.is_driven:
             return
         frame_dt = sim.settings.frame_dt

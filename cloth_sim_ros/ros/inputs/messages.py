@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages -> plain commands: is it finite, in our frame, of a sensible size? Otherwise one sentence says why not."""
+"""Convert messages to plain commands that are finite, in our frame and of a sensible size. Raises Refused otherwise."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from cloth_sim_ros.sim.access.cuts import plane_of
 from cloth_sim_ros.sim.colliders.collider import Collider
 
 STRONGEST_WIND = parameters.row(parameters.WIND, "velocity").high  # [m/s]
-FAR = 0.1  # [m] in one frame, which may fling what is met
-ROUND = 1e-3  # how far the diameters of a sphere or a cylinder may be apart, relative to the largest
+FAR = 0.1  # [m] moved in one frame, beyond which a collider may fling what it meets
+ROUND = 1e-3  # largest relative difference of the diameters of a sphere or a cylinder
 
 
 def read_pose(message: PoseStamped | Marker, frames: Frames) -> Pose:
-    """The message's pose in our frame. Raises Refused."""
+    """Return the message's pose in our frame. Raises Refused."""
     p, q = message.pose.position, message.pose.orientation
     pose = checked(Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)))
     return checked(frames.pose(pose, message.header.frame_id, _stamp(message)))
 
 
 def name_of(marker: Marker) -> str:
-    """The name under which a marker's collider is known."""
+    """Return the name of a marker's collider."""
     return f"{marker.ns}/{marker.id}"
 
 
 def read_marker(marker: Marker, frames: Frames) -> Collider:
-    """The collider that a marker describes. Raises Refused."""
+    """Return the collider that a marker describes. Raises Refused."""
     place = placed(read_pose(marker, frames))
     x, y, z = marker.scale.x, marker.scale.y, marker.scale.z
     try:
@@ -58,21 +58,21 @@ def read_marker(marker: Marker, frames: Frames) -> Collider:
 
 
 def read_wind(message: Vector3Stamped, frames: Frames) -> Vector:
-    """The message's wind velocity [m/s] in our frame. Raises Refused."""
+    """Return the message's wind velocity [m/s] in our frame. Raises Refused."""
     v = message.vector
     velocity = bounded((v.x, v.y, v.z), STRONGEST_WIND, "velocity", "m/s")
     return frames.vector(velocity, message.header.frame_id, _stamp(message))
 
 
 def read_number(message: Float64, what: str) -> float:
-    """The message's number, which is called `what`. Raises Refused."""
+    """Return the message's number. `what` names it in errors. Raises Refused."""
     if not math.isfinite(message.data):
         raise Refused("finite", f"its {what} {message.data:g} is not finite")
     return message.data
 
 
 def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
-    """The corners of the message's polygon [m] in our frame. Raises Refused."""
+    """Return the corners of the message's polygon [m] in our frame. Raises Refused."""
     stamp, frame, corners = _stamp(message), message.header.frame_id, []
     for p in message.polygon.points:
         corner = Pose(bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
@@ -85,7 +85,7 @@ def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
 
 
 def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> float:
-    """Adds the message's pose to `track`; returns how far [m] it jumps, see PoseTrack.push. Raises Refused.
+    """Push the message's pose to `track`; return how far [m] it jumps, see PoseTrack.push. Raises Refused.
 
     A stamp of zero, as hand-typed messages have, means now.
     """
@@ -98,16 +98,16 @@ def follow(track: PoseTrack, message: PoseStamped, frames: Frames) -> float:
 
 
 def _stamp(message: PoseStamped | Marker | Vector3Stamped | PolygonStamped) -> Time:
-    """When the message was sent. Raises Refused."""
+    """Return the message's stamp. Raises Refused if it is negative."""
     if message.header.stamp.sec < 0:
         raise Refused("stamp", f"its stamp is {message.header.stamp.sec} s; allowed are stamps from 0 on")
     return Time.from_msg(message.header.stamp)
 
 
 class Complaints:
-    """Tells `log` at most once in `period` [s] of each topic and kind of trouble, and counts what was refused.
+    """Log of refused messages, at most one sentence in `period` [s] for each topic and kind of trouble.
 
-    log: anything with info() and warning().
+    log: any object with info() and warning(). refused: number of refused messages.
     """
 
     def __init__(self, log: Any, period: float = 5.0):
@@ -117,22 +117,22 @@ class Complaints:
         self._last: dict[tuple[str, str], float] = {}
 
     def refuse(self, topic: str, reason: Refused) -> None:
-        """Counts one message refused on `topic` and says why."""
+        """Count a refused message on `topic` and log the reason."""
         self.refused += 1
         self._warn(topic, reason.kind, f"a message on {topic} is refused: {reason}")
 
     def cut(self, topic: str, sentence: str) -> None:
-        """Says what of a message on `topic` is cut to a limit."""
+        """Log that a value of a message on `topic` is clipped to a limit."""
         self._warn(topic, "cut", f"a message on {topic} is cut: {sentence}")
 
     def ignore(self, topic: str, sentence: str) -> None:
-        """Says why a message on `topic` has no effect, which may be meant."""
+        """Log why a message on `topic` has no effect, which may be intended."""
         self._warn(topic, "ignore", f"a message on {topic} has no effect: {sentence}")
 
     def jump(self, topic: str, way: float) -> None:
-        """Says that what a message on `topic` moves goes a `way` [m] in one frame, where that is far.
+        """Log that a message on `topic` moves its target by `way` [m] in one frame, if that is far.
 
-        That is no warning: whoever drags by hand pauses, and goes on as fast.
+        It is no warning: a user who drags by hand pauses, and goes on as fast.
         """
         if way > FAR and self._is_due(topic, "jump"):
             why = "its pose is the first, or came after a pause of more than pose_timeout"

@@ -30,12 +30,15 @@ class Pose:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str) -> Pose:
-        """The pose of something by its parameters."""
+        """Return the pose in the parameters of `name`."""
         return cls(values[f"{name}.position"], values[f"{name}.orientation"])
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """The pose `inner`, given in the axes of `outer`. Plain numbers, as it is asked for each link in each frame."""
+    """Return the pose `inner`, given in the axes of `outer`.
+
+    It uses plain numbers, as it runs for each link in each frame.
+    """
     a, b, c, w = outer.orientation
     x, y, z = inner.position
     p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
@@ -52,7 +55,7 @@ def composed(outer: Pose, inner: Pose) -> Pose:
 
 
 class PoseTrack:
-    """`push` from the thread that receives, `advance` from the thread that simulates, once a frame.
+    """A track of poses: `push` from the thread that receives, `advance` once a frame from the thread that simulates.
 
     timeout [s]: a longer gap between two stamps is a jump, reached within one frame. After as long a silence any stamp
     starts the track anew (a sender restarted, a recording looped).
@@ -69,10 +72,10 @@ class PoseTrack:
         self._stamped = False
 
     def push(self, stamp: float | None, pose: Pose, arrival: float) -> float:
-        """Adds a pose sent at `stamp` [s], or without a stamp (None), that came at `arrival` [s].
+        """Add a pose sent at `stamp` [s], or without a stamp (None), that came at `arrival` [s].
 
-        Returns how far [m] the next frame goes to it, where it begins the track or comes after a gap; else 0. Raises
-        ValueError if it is not newer. A sender with stamps goes before one without.
+        Returns how far [m] the next frame moves to it, if it begins the track or comes after a gap; else 0. Raises
+        ValueError if it is not newer, or has no stamp while another sender's poses have.
         """
         with self._lock:
             restarted = arrival - self._newest_arrival > self.timeout
@@ -96,27 +99,27 @@ class PoseTrack:
             return jump
 
     def restart(self) -> None:
-        """Stays where it is; the next pose may have any stamp, as clocks have gone back."""
+        """Stay at the current pose; the next pose may have any stamp, as clocks have gone back."""
         with self._lock:
             self._ahead.clear()
             self._now = self._newest = None
 
     def rest(self, pose: Pose) -> None:
-        """Is at `pose` already; the next pose may have any stamp."""
+        """Set the current pose, without a motion; the next pose may have any stamp."""
         with self._lock:
             self._ahead.clear()
             self._now = self._newest = None
             self.pose = pose
 
     def place(self, pose: Pose) -> None:
-        """Puts the collider at `pose` within the next frame; later messages move it on from there."""
+        """Move to `pose` within the next frame; later messages move on from there."""
         with self._lock:
             self._ahead.clear()
             self._ahead.append((self._newest or 0.0, pose))
             self._now = None
 
     def advance(self, frame_dt: float) -> Pose | None:
-        """The pose at the end of the coming frame of `frame_dt` [s], or None when it stays where it is."""
+        """Return the pose at the end of the coming frame of `frame_dt` [s], or None if it does not move."""
         with self._lock:
             if not self._ahead:
                 return None
@@ -128,9 +131,10 @@ class PoseTrack:
             return self.pose
 
     def _pace(self, frame_dt: float) -> float:
-        """Seconds of the sender's clock to play in this frame: `frame_dt`, or what keeps it within two periods.
+        """Return the seconds of the sender's clock to play in this frame: `frame_dt`, or more to lag by at most two
+        periods.
 
-        More than two periods behind happens when frames take longer than they last, and after a pause.
+        The lag is larger if frames take longer than they last, and after a pause.
         """
         newest = self._ahead[-1][0]
         period = newest - (self._ahead[-2][0] if len(self._ahead) > 1 else self._now)
@@ -148,7 +152,7 @@ class PoseTrack:
 
 
 def between(a: Pose, b: Pose, fraction: float) -> Pose:
-    """The pose `fraction` of the way from a to b, turning the shorter way. In plain numbers, as `composed`."""
+    """Return the pose `fraction` of the way from a to b, turning the shorter way. In plain numbers, as `composed`."""
     if a == b:
         return a  # to the bit, so that who stands still is seen to
     (x, y, z), (p, q, r) = a.position, b.position

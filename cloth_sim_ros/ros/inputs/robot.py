@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot by its description (URDF): the links that collide, and where links are by the positions of joints."""
+"""A robot by its description (URDF): its links that collide, and the poses of links at the positions of joints."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TURNS, _SHIFTS = ("revolute", "continuous"), ("prismatic",)
 
 @dataclass(frozen=True)
 class Part:
-    """A collision geometry of `link`, at `pose` in the axes of the link; make(fields) gives its collider."""
+    """A collision geometry of `link`, at `pose` in the axes of the link; make(fields) returns its collider."""
 
     link: str
     pose: Pose
@@ -36,7 +36,10 @@ class Part:
 
 
 def read_robot(urdf: str) -> Robot:
-    """The robot of a description: its text, or the path of its file. Raises ValueError, in words that follow "urdf"."""
+    """Return the robot of a description: its text, or the path of its file.
+
+    Raises ValueError, in words that follow "urdf".
+    """
     text, folder = urdf.encode(), None
     if not urdf.lstrip().startswith("<"):
         file = local_path(urdf, f"{GROUP}.urdf")
@@ -65,9 +68,9 @@ def _robot(text: bytes, folder: Path | None) -> Robot:
 
 
 class Robot:
-    """Links, joints and what collides, of a description as yourdfpy reads it. Raises ValueError where it is no tree.
+    """Links, joints and collision geometries of a description from yourdfpy. Raises ValueError if it is no tree.
 
-    parts: name robot/<link>/<k> -> what collides. joints: names of those that move.
+    parts: name robot/<link>/<k> -> collision geometry. joints: names of the movable joints.
     """
 
     def __init__(self, model: Any, folder: Path | None):
@@ -109,13 +112,13 @@ class Robot:
         }
 
     def chosen(self, patterns: Sequence[str]) -> dict[str, Part]:
-        """The parts of links whose names match any of `patterns`."""
+        """Return the parts of links whose names match any of `patterns`."""
         return {
             name: part for name, part in self.parts.items() if any(fnmatchcase(part.link, each) for each in patterns)
         }
 
     def places(self, positions: Mapping[str, float], base: Pose) -> dict[str, Pose]:
-        """Link -> its pose, with joints at `positions` [rad or m], else at 0, and the root link at `base`."""
+        """Return link -> its pose, with the root link at `base`, and joints at `positions` [rad or m] or else at 0."""
         at = np.array([self._position(joint, positions) for joint in self._joints])
         angles, across = (at * self._turns)[:, None, None], self._across
         moves = np.zeros((len(at), 4, 4))
@@ -138,7 +141,7 @@ class Robot:
 
 
 def _part(link: str, collision: Any, folder: Path | None) -> tuple[Pose, Callable[[Mapping[str, Any]], Collider]]:
-    """Where a collision geometry of `link` is in its axes, and what makes its collider."""
+    """Return the pose of a collision geometry in the axes of `link`, and a function that makes its collider."""
     shape, pose = collision.geometry, _poses(_matrix(collision.origin)[None])[0]
     if shape.box is not None:
         return pose, lambda fields: Box(half_extents=tuple(0.5 * each for each in shape.box.size), **fields)
@@ -162,7 +165,7 @@ def _part(link: str, collision: Any, folder: Path | None) -> tuple[Pose, Callabl
 
 
 def _matrix(origin: Any) -> np.ndarray:
-    """A pose (4, 4) of a description. Raises ValueError."""
+    """Return a pose of a description as a matrix (4, 4). Raises ValueError if it is not finite."""
     matrix = np.eye(4) if origin is None else np.asarray(origin, float)
     if not np.isfinite(matrix).all():
         raise ValueError("an origin is not finite")
@@ -170,7 +173,7 @@ def _matrix(origin: Any) -> np.ndarray:
 
 
 def _matrix_of(pose: Pose) -> np.ndarray:
-    """A pose as a matrix (4, 4)."""
+    """Return a pose as a matrix (4, 4)."""
     x, y, z, w = np.asarray(pose.orientation) / math.hypot(*pose.orientation)
     matrix = np.eye(4)
     matrix[:3, 3] = pose.position
@@ -183,7 +186,10 @@ def _matrix_of(pose: Pose) -> np.ndarray:
 
 
 def _poses(matrices: np.ndarray) -> list[Pose]:
-    """Matrices (k, 4, 4) as poses. Of four ways to a quaternion each goes the one that divides by its largest part."""
+    """Return matrices (k, 4, 4) as poses.
+
+    There are four formulas for a quaternion. Each matrix uses the one that divides by the largest component.
+    """
     turn = matrices[:, :3, :3]
     # Four times each product of two parts, in rows w x y z.
     diagonal = np.einsum("kii->ki", turn)

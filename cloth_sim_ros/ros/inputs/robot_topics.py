@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot's topics: its description, which sets a parameter, and the positions of its joints."""
+"""Topics of the robot: its description, which sets a parameter, and the positions of its joints."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What topics ask of the winches of the simulation that runs: for a while, then their parameters act again."""
+"""Rates that topics set on the winches of the running simulation, for a while; then their parameters act again."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ class Winches:
 
     def __init__(self, log: Any):
         self.rates: dict[str, tuple[float, float]] = {}
-        self._cut: set[str] = set()  # whose parameter asks for more than they can
+        self._cut: set[str] = set()  # ropes whose parameter exceeds their largest rate
         self._log = log
 
     def command(self, sim: Simulation | None, rope: str, rate: float, now: float) -> None:
-        """Sets the rate of a winch [m/s] from a message that came at `now` [s]."""
+        """Set the rate of a winch [m/s] from a message that came at `now` [s]."""
         self.rates[rope] = rate, now
         _drive(sim, rope, rate)
 
     def drive(self, sim: Simulation) -> None:
-        """Has a new simulation do what messages have asked for."""
+        """Apply the rates of messages to a new simulation."""
         for rope, (rate, _) in self.rates.items():
             _drive(sim, rope, rate)
 
     def release(self, sim: Simulation | None, ropes: Iterable[str], values: Mapping[str, Any]) -> None:
-        """Winches go back to what their parameters say."""
+        """Set winches back to their parameters."""
         for rope in ropes:
             del self.rates[rope]
             _drive(sim, rope, values[f"{rope}.winch.pay_out"])
 
     def end_old_commands(self, sim: Simulation, values: Mapping[str, Any], now: float) -> None:
-        """Stops winches whose sender has fallen silent, and says so once."""
+        """Release winches whose sender has fallen silent, and warn of it once."""
         if not self.rates:
             return
         # A timeout of whole frames is over at the same frame however the two times were rounded.
@@ -53,7 +53,7 @@ class Winches:
         self.release(sim, old, values)
 
     def set_parameter(self, rope: str, rate: float, values: Mapping[str, Any]) -> None:
-        """The parameter acts from now on; says where it asks for more than the winch can."""
+        """Let the parameter act again, and warn if it exceeds the winch's largest rate."""
         self.rates.pop(rope, None)
         most = values[f"{rope}.winch.max_rate"]
         if abs(rate) <= most:

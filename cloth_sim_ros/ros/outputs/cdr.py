@@ -24,7 +24,7 @@ _SENTINEL = -1.2345678901234567e-89  # a coordinate that no other field of a mes
 
 
 class PatchedBytes:
-    """One serialised message; `payload` is a writable view of its numbers, `stamped` gives the bytes to publish."""
+    """One serialised message; `payload` is a writable view of its numbers, `stamped` returns the bytes to publish."""
 
     def __init__(self, serialised: bytes | bytearray, offset: int, shape: tuple[int, int], dtype: str):
         self._buffer = bytearray(serialised)
@@ -32,13 +32,13 @@ class PatchedBytes:
         self.payload = np.frombuffer(self._buffer, dtype, count, offset).reshape(shape)
 
     def stamped(self, stamp: tuple[int, int]) -> bytes:
-        """The message as bytes with the header's stamp (seconds, nanoseconds)."""
+        """Return the message as bytes with the header's stamp (seconds, nanoseconds)."""
         struct.pack_into("<iI", self._buffer, STAMP_AT, *stamp)
         return bytes(self._buffer)
 
 
 def cloud_fields(normals: bool, velocities: bool, tensions: bool = False) -> list[str]:
-    """Names of the float32 fields of a particle, in order."""
+    """Return the names of the float32 fields of a particle, in order."""
     names = ["x", "y", "z"]
     if normals:
         names += ["normal_x", "normal_y", "normal_z"]
@@ -50,7 +50,7 @@ def cloud_fields(normals: bool, velocities: bool, tensions: bool = False) -> lis
 
 
 def particle_cloud(frame_id: str, count: int, fields: list[str]) -> PatchedBytes:
-    """An unordered PointCloud2 of `count` particles; its payload is (count, len(fields)) float32."""
+    """Return an unordered PointCloud2 of `count` particles; its payload is (count, len(fields)) float32."""
     message = PointCloud2(header=Header(frame_id=frame_id), height=1, width=count, is_dense=True)
     message.fields = [
         PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1) for k, name in enumerate(fields)
@@ -64,11 +64,11 @@ def particle_cloud(frame_id: str, count: int, fields: list[str]) -> PatchedBytes
 
 
 def mesh_marker(frame_id: str, name: str, rope_width: float | None, count: int) -> PatchedBytes:
-    """A Marker named `name` of `count` points, payload (count, 3) float64 [m].
+    """Return a Marker named `name` of `count` points, payload (count, 3) float64 [m].
 
-    Without a `rope_width` the points are the corners of triangles, else they are a strip of that width [m].
-    A message of one point is grown: a point is 24 bytes, a multiple of the strictest alignment, so what follows the
-    points does not shift within its alignment.
+    Without a `rope_width` the points are the corners of triangles, else they are a strip of that width [m]. The message
+    is grown from one of a single point: a point is 24 bytes, a multiple of the strictest alignment, so the fields
+    behind the points keep their alignment.
     """
     marker = Marker(header=Header(frame_id=frame_id), ns=name, id=0, action=Marker.ADD, lifetime=Duration())
     if rope_width is None:
@@ -96,7 +96,7 @@ def mesh_marker(frame_id: str, name: str, rope_width: float | None, count: int) 
 
 
 def topology_mesh(triangles: np.ndarray, vertices: np.ndarray) -> bytes:
-    """A serialised shape_msgs/Mesh of `triangles` (T, 3) and rest `vertices` (N, 3) [m].
+    """Return a serialised shape_msgs/Mesh of `triangles` (T, 3) and rest `vertices` (N, 3) [m].
 
     Its layout is simple enough to write down: two sequences of uint32[3] and float64[3].
     """

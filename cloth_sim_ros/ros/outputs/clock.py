@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topic /clock, where the node is the source of time."""
+"""The topic /clock, if the node is the source of time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ClockOutput(Output):
 
     @classmethod
     def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
-        """One, where the parameter publish_clock asks for it."""
+        """Return one output if the parameter publish_clock is true and the node follows no clock itself."""
         if values["publish_clock"] and node.get_parameter("use_sim_time").value:
             sentence = "publish_clock is true with use_sim_time; a node cannot follow its own clock, and sends none"
             node.get_logger().error(sentence)
@@ -32,5 +32,5 @@ class ClockOutput(Output):
         return [cls(node, values)] if values["publish_clock"] else []
 
     def request(self, world: World, stamp: Stamp) -> None:
-        """Sends it, before anything that has this stamp."""
+        """Send the time, before anything else that has this stamp."""
         self.publishers[0].publish(Clock(clock=Time(sec=stamp[0], nanosec=stamp[1])))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colliders and handles as markers: those that come on ~/scene, and those that ~/colliders shows."""
+"""Colliders and handles as markers, for ~/colliders."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _KINDS = {
 
 
 def markers_of(name: str, collider: Collider, pose: Pose) -> list[Marker]:
-    """What to draw of a collider at `pose`: a marker for each of its solids."""
+    """Return the markers of a collider at `pose`, one for each of its solids."""
     return [_of_solid(name, number, solid, pose) for number, solid in enumerate(collider.solids())]
 
 
 def _of_solid(name: str, number: int, solid: Solid, pose: Pose) -> Marker:
-    """One solid; a mesh file is named, as viewers read it themselves."""
+    """Return the marker of a solid. A mesh is given by its file, which viewers read themselves."""
     middle = rotate(pose.orientation, [solid.middle])[0]
     pose = Pose(tuple(p + q for p, q in zip(pose.position, middle, strict=True)), pose.orientation)
     if solid.file and PART not in solid.file:
@@ -65,7 +65,7 @@ def _marker(name: str, kind: int, pose: Pose, scale, number: int = 0, color: Col
 
 
 class CollidersOutput(Output):
-    """All colliders and handles, on ~/colliders, latched: sent when one of them moves, appears or goes."""
+    """All colliders and handles, on ~/colliders, latched: sent when one of them moves, appears or disappears."""
 
     def __init__(self, node: Node, values: Mapping[str, Any]):
         self._publisher = node.create_publisher(MarkerArray, "~/colliders", LATCHED)
@@ -76,11 +76,11 @@ class CollidersOutput(Output):
 
     @property
     def is_heard(self) -> bool:
-        """Whether somebody subscribes, or did when they were sent last."""
+        """True if there is a subscriber, or was one at the last sending."""
         return self._listeners > 0 or super().is_heard
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Sends them, if there is anything new and somebody subscribes, or came."""
+        """Send the markers if any has changed, or the number of subscribers has."""
         sim, listeners = world.sim, self._publisher.get_subscription_count()
         if sim is None or listeners == self._listeners == 0:
             return
@@ -102,7 +102,7 @@ class CollidersOutput(Output):
 
 
 def _of_handle(name: str, handle: Handle, pose: Pose, holds: Mapping[str, bool]) -> list[Marker]:
-    """A handle's reach."""
+    """Return the marker of a handle's reach."""
     ball = len(handle.reach) == 1
     scale = (2 * handle.reach[0],) * 3 if ball else handle.reach
     return [

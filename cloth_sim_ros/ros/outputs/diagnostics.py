@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node says about itself once a second."""
+"""Report of the node on itself, once a second."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
 
 SLOW = 0.95  # a real-time factor below this is worth a warning
-BEYOND = 1.25  # so much of its budget may a frame take before that is told
-LOOK = 10  # [s] between looks at a world while nobody listens
+BEYOND = 1.25  # ratio of a frame's time to its budget, beyond which it is reported
+LOOK = 10  # [s] between reports of a world to the log while nobody listens
 # While it is paused, builds or waits it says so each second: whoever asks for a deadline hears of one that is dead.
 ALIVE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE, deadline=Duration(seconds=3.0))
 OVER_ALL = ("max_strain", "max_penetration", "residual")
 
 
 class DiagnosticsOutput:
-    """The topic /diagnostics. What costs time is computed while somebody listens."""
+    """The topic /diagnostics. Costly values are computed only while somebody listens."""
 
     def __init__(self, node: Node):
         self._clock = node.get_clock()
@@ -43,14 +43,14 @@ class DiagnosticsOutput:
         return is_heard
 
     def publish(self, array: DiagnosticArray) -> None:
-        """Sends `array`, stamped."""
+        """Send `array`, stamped."""
         stamp = self._clock.now().nanoseconds or time.time_ns()  # 0 where a clock is waited for
         array.header.stamp = Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
         self._publisher.publish(array)
 
 
 def busy(node_name: str, what: str) -> DiagnosticArray:
-    """The array to publish while the simulation cannot be asked for more; its header is left to the sender."""
+    """Return the array to publish while the simulation cannot be queried, without its header."""
     return DiagnosticArray(
         status=[DiagnosticStatus(name=f"{node_name}: simulation", level=DiagnosticStatus.WARN, message=what)]
     )
@@ -59,10 +59,10 @@ def busy(node_name: str, what: str) -> DiagnosticArray:
 def diagnostics(
     node_name: str, world: World, pace: Pace, paused: bool, refused: int, by_clock: str | None = None
 ) -> DiagnosticArray:
-    """The array to publish on /diagnostics; its header is left to the sender.
+    """Return the array to publish on /diagnostics, without its header.
 
-    node_name: fully qualified, so that nodes can be told apart. by_clock: where frames are due by /clock, why the
-    simulation is not where the clock is, or "".
+    node_name: fully qualified, so that nodes can be told apart. by_clock: None if frames are due by the wall clock;
+    else why the simulation is not where /clock is, or "".
     """
     values: dict[str, Any] = {
         "real_time_factor": pace.real_time_factor,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What grippers do, on ~/grippers/<gripper>/state and as joints."""
+"""State of the grippers, on ~/grippers/<gripper>/state and as joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cloth_sim_ros.sim import Simulation
 class GripperStates(Output):
     """Opening [m], its speed [m/s] and the force [N] of each gripper, and the same of its joint.
 
-    Joints that share a topic share a message, as ros2_control reads the newest one alone.
+    Joints that share a topic share a message, as ros2_control reads only the newest one.
     """
 
     def __init__(self, node: Node, values: Mapping[str, Any]):
@@ -37,14 +37,14 @@ class GripperStates(Output):
         self._told: list[tuple[Publisher, dict[str, Joint]]] = []  # the joints of grippers that each sends
 
     def attach(self, sim: Simulation | None, values: Mapping[str, Any]) -> None:
-        """Joints go by the widest openings that the grippers have now."""
+        """Adopt the joints and the widest openings of the parameters."""
         self._told = [(publisher, {name: Joint(name, 0.0, 1.0, 1.0)}) for name, publisher in self._own.items()]
         for topic, publisher in self._shared.items():
             names = [name for name in self._own if values[f"{name}.joint_states"] == topic]
             self._told.append((publisher, {name: Joint.of(values, name) for name in names}))
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Sends the state at the end of a frame."""
+        """Send the state at the end of a frame."""
         self._header.stamp.sec, self._header.stamp.nanosec = stamp
         drivers = world.grippers.drivers if world.sim is not None else {}
         for publisher, joints in self._told:

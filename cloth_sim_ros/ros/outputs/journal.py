@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics ~/journal and ~/journal/acts: which input acted in which frame, so that a replay gives the same bits.
+"""The topics ~/journal and ~/journal/acts: the input of each frame, so that a replay gives the same bits.
 
 A message is a JSON object with `sequence`, counted from 0 through both topics, `stamp`, that of the clouds sent with
 it, and one of
-- `start`: the parameters in effect, where colliders and handles are, and the whole state as ~/save writes it;
-- `acts`: what acted since the message before, in order, each a list of a name of ACTS and its arguments;
+- `start`: the parameters in effect, the poses of colliders and handles, and the whole state as ~/save writes it;
+- `acts`: the acts since the message before, in order, each a list of a name of ACTS and its arguments;
 - `end`: nothing is written until the next start, as nobody listened.
 Starts are on ~/journal, all else on ~/journal/acts. Each new listener has a start sent, which is large. The middleware
 keeps buffers for all messages of a topic, and each grows to the largest that it once held.
@@ -36,7 +36,7 @@ STARTS = QoSProfile(depth=4, reliability=ReliabilityPolicy.RELIABLE, durability=
 
 
 class JournalOutput(Output):
-    """Sends the journal of a world, and writes none while nobody listens."""
+    """Sends the journal of a world; while nobody listens, none is written."""
 
     def __init__(self, node: Node, values: Mapping[str, Any]):
         self._publisher = node.create_publisher(String, "~/journal/acts", ACTS)
@@ -46,11 +46,11 @@ class JournalOutput(Output):
 
     @property
     def is_heard(self) -> bool:
-        """Whether somebody subscribes, or did when something was sent last."""
+        """True if there is a subscriber, or was one at the last frame."""
         return self._listeners > 0 or super().is_heard
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Sends what acted before the frame that is sent with `stamp`."""
+        """Send the acts before the frame that is sent with `stamp`."""
         journal, before = world.journal, self._listeners
         self._listeners = self._starts.get_subscription_count() if world.sim is not None else 0
         acts = journal.take()
@@ -71,7 +71,7 @@ class JournalOutput(Output):
 
 
 def start_of(world: World) -> dict[str, Any]:
-    """What a recording of `world` starts with, so that another one goes on from there to the same bits."""
+    """Return the start of a recording of `world`, from which another world goes on to the same bits."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "state.npz"
         world.sim.save(file, world.notes())
@@ -81,7 +81,7 @@ def start_of(world: World) -> dict[str, Any]:
 
 
 def _plain(thing: Any) -> Any:
-    """What JSON does not know: a collider, which came on ~/scene, or numbers of NumPy."""
+    """Convert a type that JSON lacks: a collider, which came on ~/scene, or numbers of NumPy."""
     if isinstance(thing, Collider):
         return {"shape": type(thing).__name__, **dataclasses.asdict(thing)}
     return thing.tolist()

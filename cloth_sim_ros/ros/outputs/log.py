@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the log says of objects while they run: each thing once, and again when it is new."""
+"""Log of the objects while they run: each event once, and again when it is new."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 class Forwarded(logging.Handler):
-    """Warnings of the simulation, which knows no ROS, go to the `log` of the node."""
+    """Forwards warnings of the simulation, which knows no ROS, to the `log` of the node."""
 
     def __init__(self, log: Any):
         super().__init__(logging.WARNING)
         self._log = log
 
     def emit(self, record: logging.LogRecord) -> None:
-        """One of them."""
+        """Forward one warning."""
         self._log.warning(record.getMessage())
 
 
@@ -32,31 +32,33 @@ Report = Mapping[str, dict[str, float]]
 
 
 class Reported:
-    """Remembers what `log` has said. One for all the simulations of a node."""
+    """Remembers what `log` has reported, for all the simulations of a node."""
 
     def __init__(self, log: Any):
         self._log = log
-        self._chosen: dict[str, tuple] = {}  # name -> how it is computed and within which bounds
-        self._reasons: dict[str, set[str]] = {}  # name -> what was said of that, without the numbers
+        self._chosen: dict[str, tuple] = {}  # name -> method, softening and bounds of substeps
+        self._reasons: dict[str, set[str]] = {}  # name -> reasons logged for it, without their numbers
         self._waiting: set[str] = set()
         self._stopped: set[str] = set()
         self._deep: set[str] = set()
         self._crossed: set[tuple[str, str]] = set()
         self._recoveries: dict[str, float] = {}
-        self._redone: dict[str, float] = {}  # name -> count when it was last told, so that it is told rarely
+        self._redone: dict[str, float] = {}  # name -> count when it was last logged, so that it is logged rarely
         self._torn: dict[str, float] = {}
-        self._passing = False  # whether it was said that objects pass through one another
+        self._passing = False  # True once it was logged that objects pass through one another
 
     def say(self, is_good: bool, sentence: str) -> None:
-        """One sentence, as a warning where it is not good."""
+        """Log one sentence, as a warning if it is not good."""
         if is_good:  # a line of code logs with one severity alone
             self._log.info(sentence)
         else:
             self._log.warning(sentence)
 
     def start(self, sim: Simulation, values: Mapping[str, Any]) -> None:
-        """How each object of a new simulation is computed, whether they pass through one another, and which of them
-        start where nothing can be."""
+        """Report a new simulation: how each object is computed, if objects pass through one another, and bad starts.
+
+        A bad start lies in a collider or intersects itself.
+        """
         self._chosen.clear()
         self._waiting.clear()
         self.reasons(sim)
@@ -75,7 +77,7 @@ class Reported:
                 self._log.warning(f"{name} intersects itself at the start ({edges}) and may stay so; start it unfolded")
 
     def _tell_passing(self, sim: Simulation) -> None:
-        """That two objects that may meet pass through one another."""
+        """Report that two objects pass through one another, if any two may meet."""
         for one, other in combinations(sim.scene.objects, 2):
             if _may_meet(sim, one, other):
                 self._passing = True
@@ -84,10 +86,10 @@ class Reported:
                 return
 
     def reasons(self, sim: Simulation, with_substeps: bool = True) -> None:
-        """How each object is computed where that is chosen, and what is missed.
+        """Report how each object is computed, if that is chosen, and an error that is missed.
 
-        Without `with_substeps`, other substeps alone are left to the next time: a slider asks for many in a second.
-        Substeps that are picked within their bounds are no news, nor is an error that is missed once more.
+        Without `with_substeps`, a change of only the substeps waits for the next call: a slider sets many in a second.
+        Substeps picked within their bounds are not reported, nor is an error that is missed once more.
         """
         for name, choice in sim.choices.items():
             softer = choice.bending_share < 1.0
@@ -102,13 +104,13 @@ class Reported:
             self._reasons[name].add(kind)
 
     def waits(self, name: str, why: str) -> None:
-        """A parameter that was set acts with the next rebuild; said once until then."""
+        """Report that a parameter acts with the next rebuild, once until then."""
         if name not in self._waiting:
             self._waiting.add(name)
             self._log.info(f"{name} is noted for the next rebuild, it has no effect now: {why}")
 
     def report(self, report: Report, values: Mapping[str, Any]) -> None:
-        """What of a simulation's report a user should know."""
+        """Report the events in a simulation's report that a user should know."""
         self._tell_stopped(report)
         self._tell_deep(report, values)
         self._tell_crossed(report)
@@ -125,12 +127,12 @@ class Reported:
         self.know(report)
 
     def know(self, report: Report) -> None:
-        """What has happened to objects so far is no news."""
+        """Take the counts of a report as known, so that they are not reported."""
         self._recoveries = {name: each["recoveries"] for name, each in report.items()}
         self._redone |= {name: each["redone"] for name, each in report.items() if each["redone"] == 0}
 
     def _tell_stopped(self, report: Report) -> None:
-        """That a winch has reached a limit of its length and is asked to go on."""
+        """Report winches that have reached a limit of their length and still have a rate."""
         stopped = {name for name, each in report.items() if each.get("winch_stopped")}
         for name in stopped - self._stopped:
             limits = "winch.shortest, winch.longest or the rope itself"
@@ -138,7 +140,7 @@ class Reported:
         self._stopped = stopped
 
     def _tell_crossed(self, report: Report) -> None:
-        """Which objects go through themselves, and where not all pairs that are near could be looked at."""
+        """Report objects that intersect themselves, and those with more near pairs than their list holds."""
         remedy = "more substeps or a larger thickness help"
         for key, what in (("crossings", "edges go through it"), ("pairs_lost", "near parts found no room in the list")):
             for name, each in report.items():
@@ -149,7 +151,7 @@ class Reported:
                     self._log.warning(f"{name} is not kept apart from itself: {each[key]} {what}; {remedy}")
 
     def _tell_torn(self, report: Report) -> None:
-        """Which objects have torn, and how far, where that is more than it was."""
+        """Report objects that have torn further, and the number of springs that have failed."""
         for name, each in report.items():
             torn = each.get("torn", 0)
             if torn > self._torn.get(name, 0):
@@ -157,7 +159,7 @@ class Reported:
             self._torn[name] = torn
 
     def _tell_deep(self, report: Report, values: Mapping[str, Any]) -> None:
-        """Which objects colliders enter between particles."""
+        """Report objects that colliders enter between particles."""
         for name, each in report.items():
             deep = each["max_penetration"] - each["particle_penetration"]
             if deep <= _half_thickness(name, each, values):
@@ -178,5 +180,5 @@ def _may_meet(sim: Simulation, one: str, other: str) -> bool:
 
 
 def _half_thickness(name: str, each: Mapping[str, float], values: Mapping[str, Any]) -> float:
-    """How far an object of this row of a report is kept from colliders [m]."""
+    """Return the distance [m] at which an object of this row of a report is kept from colliders."""
     return values[f"{name}.{'radius' if 'max_tension' in each else 'thickness'}"]

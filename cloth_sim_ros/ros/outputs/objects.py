@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Device arrays -> messages: per object a particle cloud, a mesh to draw and, once, its topology."""
+"""Messages of each object from device arrays: a particle cloud, a mesh to draw and, once, its topology."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from cloth_sim_ros.sim import Readback, Rope, Simulation, Surface
 
 
 class ObjectOutput(Output):
-    """The topics of one object. Nothing is computed, copied or sent that nobody subscribes to. Particles and mesh share
-    one copy; for a mesh alone it has positions and no more."""
+    """The topics of one object. Only what has a subscriber is computed, copied or sent.
+
+    Particles and mesh share one copy; for a mesh alone it holds only positions.
+    """
 
     def __init__(self, node: Node, values: Mapping[str, Any], name: str):
         self._name, self._frame_id = name, values["frame_id"]
@@ -33,12 +35,12 @@ class ObjectOutput(Output):
 
     @classmethod
     def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
-        """One for each object."""
+        """Return one output for each object."""
         return [cls(node, values, name) for name in values["objects"]]
 
     @property
     def publishers(self) -> list:
-        """Those of what may change in every frame; of what tears that is the topology, too."""
+        """Publishers of topics that may change in every frame; an object that tears has its topology among them."""
         tears = self._surface is not None and self._surface.tears
         return [self._particles, self._mesh, *([self._topology] if tears else [])]
 
@@ -48,11 +50,11 @@ class ObjectOutput(Output):
         return [self._particles, self._mesh, self._topology]
 
     def _detach(self) -> None:
-        """Sends nothing until the next attach(): the object does not exist."""
+        """Send nothing until the next attach(), as the object does not exist."""
         self._cloud = self._marker = self._source = self._surface = None
 
     def attach(self, sim: Simulation | None, values: Mapping[str, Any]) -> None:
-        """Prepares messages and readbacks for another simulation and sends the topology. A cloth has no tensions."""
+        """Prepare messages and readbacks for another simulation and send the topology. A cloth has no tensions."""
         name, frame = self._name, self._frame_id
         if sim is None or name not in sim.scene.objects:
             self._detach()
@@ -75,7 +77,7 @@ class ObjectOutput(Output):
         self._topology.publish(cdr.topology_mesh(triangles, self._rest))
 
     def request(self, world: World, stamp: Stamp) -> None:
-        """Starts the writing and copying of what is wanted; the device does it while other objects are asked."""
+        """Start computing and copying the wanted data; the device goes on while other objects request theirs."""
         self._cloud_wanted = self._cloud is not None and self._particles.get_subscription_count() > 0
         self._mesh_wanted = self._marker is not None and self._mesh.get_subscription_count() > 0
         self._source = self._readback if self._cloud_wanted else self._positions if self._mesh_wanted else None
@@ -85,7 +87,7 @@ class ObjectOutput(Output):
             self._surface.request()
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Waits for what was requested; it will be sent stamped."""
+        """Wait for the requested data, which will be sent with `stamp`; send the topology if it has changed."""
         self._stamp = stamp
         if self._source is not None:
             self._source.wait()
@@ -96,12 +98,12 @@ class ObjectOutput(Output):
 
     @property
     def size(self) -> int:
-        """Bytes of what is to be sent, but for headers."""
+        """Bytes to send, without headers."""
         cloud = self._cloud.payload.nbytes if self._cloud_wanted else 0
         return cloud + (self._marker.payload.nbytes if self._mesh_wanted else 0)
 
     def publish(self) -> None:
-        """Sends it."""
+        """Send the data that was read."""
         if self._cloud_wanted:
             self._cloud.payload[:] = self._source.particles()
             self._particles.publish(self._cloud.stamped(self._stamp))

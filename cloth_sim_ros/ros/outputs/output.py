@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the node sends has one protocol: `Output`. table.py lists all of them."""
+"""Protocol of all outputs of the node: `Output`. table.py lists them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Stamp = tuple[int, int]  # seconds, nanoseconds
 
 
 class Output:
-    """Topics that are sent after every frame, where somebody subscribes.
+    """Topics that are sent after every frame, if there is a subscriber.
 
     Made in the executor's thread, from the parameter `values`. The thread that simulates calls attach() for another
     simulation, and after each frame request() and read(). publish() may run in another thread; it ends before the next
@@ -32,17 +32,17 @@ class Output:
 
     @classmethod
     def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
-        """The outputs of this class that a node has: one, unless a class says otherwise."""
+        """Return the outputs of this class that a node has: one, unless a class says otherwise."""
         return [cls(node, values)]
 
     @property
     def is_heard(self) -> bool:
-        """Whether somebody subscribes."""
+        """True if there is a subscriber."""
         return any(publisher.get_subscription_count() > 0 for publisher in self.publishers)
 
     @property
     def owned(self) -> Sequence[Publisher]:
-        """All publishers, to be destroyed with it."""
+        """All publishers, to be destroyed with the output."""
         return self.publishers
 
     @property
@@ -51,21 +51,23 @@ class Output:
         return 0
 
     def attach(self, sim: Simulation | None, values: Mapping[str, Any]) -> None:
-        """Prepares for another simulation, or none, and other parameters `values`."""
+        """Prepare for another simulation, or none, and other parameters `values`."""
 
     def request(self, world: World, stamp: Stamp) -> None:
-        """Starts what the device has to compute and to copy, so that it does so while other outputs ask."""
+        """Start computing and copying on the device, which goes on while other outputs request theirs."""
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Waits for what was requested, and reads the state at the end of the frame; a small message is sent here."""
+        """Wait for the requested data, and read the state at the end of the frame; a small message is sent here."""
 
     def publish(self) -> None:
-        """Sends what was read."""
+        """Send the data that was read."""
 
 
 class Audience:
-    """Whether somebody listens to one of `outputs`. Where nobody did, it looks again every HEARING, as asking the
-    middleware takes its time."""
+    """Tells if any of `outputs` has a subscriber.
+
+    If none had, it looks again every HEARING, as the query of the middleware takes time.
+    """
 
     HEARING = 0.1  # [s]
 
@@ -75,7 +77,7 @@ class Audience:
 
     @property
     def is_there(self) -> bool:
-        """To be asked once a frame."""
+        """True if any output has a subscriber; read it once a frame."""
         now = time.monotonic()
         if self._was_there or now >= self._looked + self.HEARING:
             self._looked = now

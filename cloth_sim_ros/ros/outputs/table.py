@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""All outputs of the node, in the order in which they are asked. Plugins add theirs (docs/how-to/extending.md)."""
+"""All outputs of the node, in the order in which they are called. Plugins add theirs (docs/how-to/extending.md)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The wrenches on colliders, handles and the ends of ropes, in world axes; computed and sent where somebody
-subscribes."""
+"""Wrenches on colliders, handles and the ends of ropes, in world axes, computed and sent if there is a subscriber."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ ENDS = ("start", "end")  # of a rope
 
 
 class _Wrenches(Output):
-    """Topics `topic` with {} for each of `names`."""
+    """A topic for each of `names`: `topic` with the name in place of {}."""
 
     def __init__(self, node: Node, values: Mapping[str, Any], topic: str, names: Sequence[str]):
         self._by_name = {name: node.create_publisher(WrenchStamped, topic.format(name), LATEST) for name in names}
@@ -27,7 +26,7 @@ class _Wrenches(Output):
         self._message = WrenchStamped(header=Header(frame_id=values["frame_id"]))
 
     def _send(self, wrenches: Mapping[str, Sequence[float]], stamp: Stamp) -> None:
-        """Sends force [N] and torque [N m] of each name, where somebody subscribes."""
+        """Send force [N] and torque [N m] of each name that has a subscriber."""
         self._message.header.stamp.sec, self._message.header.stamp.nanosec = stamp
         force, torque = self._message.wrench.force, self._message.wrench.torque
         for name, publisher in self._by_name.items():
@@ -37,7 +36,7 @@ class _Wrenches(Output):
 
 
 class Wrenches(_Wrenches):
-    """What colliders or handles (`kind`) feel, about their origins."""
+    """Wrenches on colliders or handles (`kind`), about their origins."""
 
     def __init__(self, node: Node, values: Mapping[str, Any], kind: str):
         super().__init__(node, values, f"~/{kind}/{{}}/wrench", values[kind])
@@ -45,11 +44,11 @@ class Wrenches(_Wrenches):
 
     @classmethod
     def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
-        """One for colliders and one for handles."""
+        """Return one output for colliders and one for handles."""
         return [cls(node, values, kind) for kind in ("colliders", "handles")]
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Sends the last frame's wrenches."""
+        """Send the last frame's wrenches."""
         if world.sim is None or not self.is_heard:
             return
         if self._kind == "handles":
@@ -60,7 +59,7 @@ class Wrenches(_Wrenches):
 
 
 class RopeEnds(_Wrenches):
-    """The wrenches of a rope on what holds its ends, about the end."""
+    """Wrenches of a rope on the supports of its ends, about each end."""
 
     def __init__(self, node: Node, values: Mapping[str, Any], name: str):
         super().__init__(node, values, f"~/{name}/{{}}/wrench", ENDS)
@@ -69,21 +68,21 @@ class RopeEnds(_Wrenches):
 
     @classmethod
     def each(cls, node: Node, values: Mapping[str, Any]) -> Iterable[Output]:
-        """One for each rope."""
+        """Return one output for each rope."""
         return [cls(node, values, name) for name in values["objects"] if values[f"{name}.type"] == "rope"]
 
     def attach(self, sim: Simulation | None, values: Mapping[str, Any]) -> None:
-        """Prepares the readback; nothing is sent of a rope that does not exist."""
+        """Prepare the readback; nothing is sent for a rope that does not exist."""
         there = sim is not None and self._name in sim.scene.objects
         self._readback = EndReadback(sim, self._name) if there else None
 
     def request(self, world: World, stamp: Stamp) -> None:
-        """Starts the computing and copying if it is wanted."""
+        """Start computing and copying if there is a subscriber."""
         self._wanted = self._readback is not None and self.is_heard
         if self._wanted:
             self._readback.request()
 
     def read(self, world: World, stamp: Stamp) -> None:
-        """Waits for it and sends it."""
+        """Wait for the wrenches and send them."""
         if self._wanted:
             self._send(dict(zip(ENDS, self._readback.wrenches().tolist(), strict=True)), stamp)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The parameter table as ROS parameters: declared, coerced, checked, and handed on when they change.
+"""The parameter table as ROS parameters: declared, coerced, checked, and passed on when they change.
 
-All rows are declared with dynamic typing, so that this bridge and not the middleware decides what a value may be. The
-bridge knows the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
+All rows are declared with dynamic typing, so that this bridge and not the middleware decides on types. The bridge knows
+the row and can say in one sentence what is allowed. A value keeps the type of its row all the same.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class ParameterBridge:
         self.rows: dict[str, Parameter] = {}
         self.values: dict[str, Any] = {}
         self._restoring = self._declaring = False
-        self._followed: set[str] = set()  # what the last change brings with it by a material
+        self._followed: set[str] = set()  # parameters that the last change sets through a material
         self._refused: dict[str, str] = {}  # start-up value -> what is wrong with it
         self._declare_all()
         self._warn_unknown()
@@ -89,9 +89,9 @@ class ParameterBridge:
     # -- objects that come and go --------------------------------------------------------------------------------
 
     def checked_object(self, name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Full name -> value of all parameters of one more object, of which `given` has some by full name.
+        """Return full name -> value of all parameters of one more object; `given` has some by full name.
 
-        Raises ValueError, in one sentence, where there cannot be such an object. May take seconds, in any thread.
+        Raises ValueError in one sentence if the object is not allowed. May take seconds, in any thread.
         """
         (kind,) = names.type_rows({"objects": (name,)}).items()
         rows = names.prefixed(name, names.object_rows(coerced(kind[1], given.get(kind[0], ""), kind[0])))
@@ -105,7 +105,7 @@ class ParameterBridge:
         return {each: values[each] for each in rows}
 
     def add_object(self, name: str, values: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-        """Declares the parameters of one more object with what `checked_object` made of `given`.
+        """Declare the parameters of one more object with the `values` that `checked_object` made of `given`.
 
         The simulation is not told. The parameter `objects` keeps the names that the node has started with.
         """
@@ -123,7 +123,7 @@ class ParameterBridge:
             self._declaring = False
 
     def remove_objects(self, gone: Collection[str]) -> None:
-        """Takes the parameters of objects away that add_object has added. The simulation is not told."""
+        """Remove the parameters of objects that add_object has added. The simulation is not told."""
         left = tuple(name for name in self.values["objects"] if name not in gone)
         lost = {each for each in self.rows if each.partition(".")[0] in gone}
         self.values = {name: value for name, value in self.values.items() if name not in lost} | {"objects": left}
@@ -133,9 +133,10 @@ class ParameterBridge:
             self._node.undeclare_parameter(each)
 
     def _start_value(self, name: str, row: Parameter) -> Any:
-        """The value given for `name`, or the default, where none is given or it is wrong.
+        """Return the value given for `name`, or the default if none is given or it is wrong.
 
-        A wrong type or shape is kept: nothing stands in for it, and the plan leaves out what has it.
+        A wrong type or shape is kept: no default replaces it, and the plan leaves out the object or collider that has
+        it.
         """
         default = _default(row, name, self.values)
         if name not in self._given:
@@ -153,7 +154,7 @@ class ParameterBridge:
             return default
 
     def _warn_idle(self) -> None:
-        """Tell which given values have no effect, but for those that a given value switches off."""
+        """Warn of given values without an effect, unless another given value switches them off."""
         for name in filter(self.rows.__contains__, self._given):
             why, value = names.idle(name, self.values), self.values[name]
             is_off = self._given.keys() & (set(why.split()) - {name})
@@ -173,7 +174,7 @@ class ParameterBridge:
     # An exception in one of these callbacks would end the node's spinning and leave the client without an answer.
 
     def decide(self, parameters: list[RosParameter]) -> None:
-        """Raises ValueError, in one sentence, where `parameters` cannot be set. May take seconds, in any thread."""
+        """Raise ValueError in one sentence if `parameters` cannot be set. May take seconds, in any thread."""
         if any(parameter.name in self.rows and self.rows[parameter.name].fixed for parameter in parameters):
             return  # the middleware refuses them
         if any(each.name == "use_sim_time" and each.value is True for each in parameters):
@@ -189,7 +190,7 @@ class ParameterBridge:
             check_solver(plan)
 
     def remark(self, parameters: list[RosParameter]) -> str:
-        """Which of `parameters`, now set, have no effect or are hardly meant, in words; "" where none is."""
+        """Return which of `parameters`, now set, have no effect or are probably mistakes; "" if none."""
         objects, said = make_plan(self.values).scene.objects, []
         for name in (parameter.name for parameter in parameters):
             said.append(names.idle(name, self.values))
@@ -218,7 +219,7 @@ class ParameterBridge:
         return result
 
     def _following(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """What else changes with `parameters`: values by a material, where nobody has set any."""
+        """Return the other parameters that change with `parameters`: values of a material that nobody has set."""
         asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
         given = {**self._given, **asked}
         try:
@@ -247,7 +248,7 @@ class ParameterBridge:
         return SetParametersResult(successful=True)
 
     def _proposed(self, parameters: list[RosParameter]) -> dict[str, Any]:
-        """The values with `parameters` in place. Raises ValueError if they cannot be."""
+        """Return the values with `parameters` in place. Raises ValueError if they are not allowed."""
         changed = {}
         for parameter in parameters:
             if parameter.name in self.rows:
@@ -284,21 +285,21 @@ class ParameterBridge:
             self._log.error(f"a parameter change was accepted but not applied: {error}")
 
     def restore(self, built: Mapping[str, Any]) -> None:
-        """Puts the parameters that rebuild back to the values `built` that the simulation still runs on."""
+        """Set the parameters that rebuild back to the values `built` that the simulation still runs on."""
         rebuilding = {name for name, row in self.rows.items() if not (row.live or row.fixed)} & built.keys()
         self._hold({name: built[name] for name in rebuilding if self.values[name] != built[name]})
 
     def put_back(self, name: str, refused: Any, held: Any) -> None:
-        """Puts a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
+        """Set a live parameter back to the value `held` in effect, unless it was set again since it was refused."""
         if self.values[name] == refused:
             self._hold({name: held})
 
     def follow(self, values: Mapping[str, Any]) -> None:
-        """Takes over values that the simulation has taken from elsewhere, such as a service."""
+        """Adopt values that the simulation got otherwise, such as by a service."""
         self._hold({name: value for name, value in values.items() if self.values[name] != value})
 
     def _hold(self, values: Mapping[str, Any]) -> None:
-        """Sets parameters without telling the simulation, which has these values already."""
+        """Set parameters without telling the simulation, which has these values already."""
         if not values:
             return
         self._restoring = True
@@ -313,12 +314,12 @@ class ParameterBridge:
 
 
 def _default(row: Parameter, name: str, values: Mapping[str, Any]) -> Any:
-    """The default of the parameter `name`, beside the `values` of those declared before it."""
+    """Return the default of the parameter `name`, given the `values` of those declared before it."""
     return "none" if row.name == "pins" and values.get(name.replace(".pins", ".mesh")) else row.default
 
 
 def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Full name -> checked value of all `rows`, of which `given` has some. Raises ValueError in one sentence."""
+    """Return full name -> checked value of all `rows`; `given` has some. Raises ValueError in one sentence."""
     for name in given:
         if name not in rows:
             raise ValueError(_unknown(name, rows))
@@ -329,7 +330,7 @@ def filled(rows: Mapping[str, Parameter], given: Mapping[str, Any]) -> dict[str,
 
 
 def _closest(name: str, known: Iterable[str]) -> str:
-    """The parameter among `known` that is meant by a wrong `name`, or ""."""
+    """Return the parameter among `known` that is most similar to a wrong `name`, or ""."""
     owner, _, field = name.rpartition(".")
     of_owner = [each.rpartition(".")[2] for each in known if each.rpartition(".")[0] == owner]
     if of_owner:
@@ -346,9 +347,9 @@ def _unknown(name: str, known: Iterable[str]) -> str:
 
 
 def coerced(row: Parameter, value: Any, name: str) -> Any:
-    """`value` as the type of `row`: text such as 1e-6 and whole numbers count as doubles, text in brackets as a list.
+    """Return `value` as the type of `row`.
 
-    Raises ValueError in one sentence.
+    Text such as 1e-6 and whole numbers become doubles, and text in brackets a list. Raises ValueError in one sentence.
     """
     if row.kind.endswith("_array") and isinstance(value, str) and value.lstrip().startswith("["):
         try:  # ros2 param set sends a list of mixed numbers as text
@@ -363,7 +364,7 @@ def coerced(row: Parameter, value: Any, name: str) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """Text such as 1e-6, which YAML takes for text, as a number; anything else as it is."""
+    """Return text such as 1e-6, which YAML takes for text, as a number; anything else as it is."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
@@ -371,14 +372,14 @@ def _number(value: Any) -> Any:
 
 
 def ros_value(row: Parameter, value: Any) -> Any:
-    """A checked value as ROS holds it: arrays are lists, no pins are "none"."""
+    """Return a checked value as ROS holds it: arrays are lists, no pins are "none"."""
     if row.kind == "pins" and not value:
         return "none"
     return list(value) if isinstance(value, tuple) else value
 
 
 def descriptor(row: Parameter, name: str) -> ParameterDescriptor:
-    """Description, range and constraints of `row` for tools that list parameters."""
+    """Return description, range and constraints of `row` for tools that list parameters."""
     effect = "fixed at start" if row.fixed else "live" if row.live else "rebuilds the simulation"
     unit = f" [{row.unit}]" if row.unit else ""
     result = ParameterDescriptor(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a plan can be computed, found out by NumPy on the host: nothing here touches a device or takes its time."""
+"""Check if a plan can be computed, by NumPy on the host, without a device."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes secon
 
 
 def broken_meshes(plan: Plan, names: Iterable[str]) -> dict[str, str]:
-    """Name -> why the mesh of a cloth among `names` is no surface, in one sentence."""
+    """Return name -> why the mesh of a cloth among `names` is no surface, in one sentence."""
     broken = {}
     for name in names:
         if getattr(plan.scene.objects.get(name), "vertices", None) is not None:
@@ -28,8 +28,10 @@ def broken_meshes(plan: Plan, names: Iterable[str]) -> dict[str, str]:
 
 
 def check_solver(plan: Plan) -> None:
-    """Raises ValueError, in one sentence, for a device that is not there, for explicit steps that cannot hold an
-    object, and for more sweeps than anybody would wait for."""
+    """Raise ValueError in one sentence if the plan cannot be computed.
+
+    The device may be missing, explicit steps may be unstable, or a frame may have more than MOST_SWEEPS sweeps.
+    """
     try:
         warp.get_device(None if plan.device == "auto" else plan.device)
     except Exception:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Command lines and YAML files that the middleware would refuse as a whole for one value, made readable.
+"""Make command lines and YAML files readable that the middleware would refuse as a whole for one value.
 
 The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type. It
 also stops at an empty value and at nested lists. Here whole numbers in such lists become decimals; what no parameter
@@ -23,9 +23,9 @@ Complain = Callable[[str], None]
 def readable_arguments(
     arguments: list[str], folder: Path, complain: Complain
 ) -> tuple[list[str], dict[str, list[str]]]:
-    """`arguments` with the files after --params-file and the values after -p made readable.
+    """Return `arguments` with the files after --params-file and the values after -p made readable.
 
-    Also path -> keys of the nodes that each file has parameters for. Copies of files lie in `folder`, until the
+    Also return path -> keys of the nodes that each file has parameters for. Copies of files lie in `folder`, until the
     middleware has read them. Raises ValueError in one sentence for a file that is missing or no YAML.
     """
     result, keys = list(arguments), {}
@@ -39,7 +39,7 @@ def readable_arguments(
 
 
 def is_for(key: str, node: str) -> bool:
-    """Whether the parameters under `key` of a file are for the node of this fully qualified name."""
+    """Return True if the parameters under `key` of a file are for the node of this fully qualified name."""
     pattern = re.escape(key).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
     return re.fullmatch(pattern, node) is not None
 
@@ -77,7 +77,7 @@ def _node_keys(mapping: yaml.MappingNode, prefix: str) -> Iterator[str]:
 
 
 def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain, inside: bool = False) -> bool:
-    """Mends `mapping` in place; whether anything had to be. inside: of ros__parameters."""
+    """Mend `mapping` in place; return True if anything changed. inside: True below ros__parameters."""
     mended, kept = False, []
     for key, value in mapping.value:
         if not isinstance(key, yaml.ScalarNode):
@@ -110,7 +110,7 @@ def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain,
 
 
 def _trouble(sequence: yaml.SequenceNode) -> str:
-    """Why no parameter can hold this list, in words that follow its name; "" where one can."""
+    """Return why no parameter can hold this list, in words that follow its name; "" if one can."""
     items = sequence.value
     if not all(isinstance(item, yaml.ScalarNode) for item in items):
         return "is no list of one type"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which ROS parameters exist for a scene of given objects and colliders: full name -> row of the table."""
+"""Names of all ROS parameters for a scene of given objects and colliders: full name -> row of the table."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ COLLIDER, HANDLE, GRIPPER = (
 
 
 def collider_rows() -> tuple[Parameter, ...]:
-    """The rows under the prefix of a collider, of one of SHAPES."""
+    """Return the rows under the prefix of a collider, of one of SHAPES."""
     return tuple(replace(row, choices=tuple(SHAPES)) if row.name == "shape" else row for row in COLLIDER)
 
 
@@ -48,17 +48,17 @@ WINCH = tuple(replace(row, name=f"winch.{row.name}") for row in (*table.WINCH, *
 
 
 def object_rows(kind: str) -> tuple[Parameter, ...]:
-    """The rows under the prefix of an object of `kind` "cloth" or "rope"."""
+    """Return the rows under the prefix of an object of `kind` "cloth" or "rope"."""
     return (*table.OBJECT, *((*table.ROPE, *table.TWIST, *WINCH) if kind == "rope" else (*table.SHEET, *table.CLOTH)))
 
 
 def prefixed(prefix: str, rows: Iterable[Parameter]) -> dict[str, Parameter]:
-    """Full names of `rows` under `prefix`."""
+    """Return full name -> row of `rows` under `prefix`."""
     return {f"{prefix}.{row.name}": row for row in rows}
 
 
 def fixed_rows() -> dict[str, Parameter]:
-    """The parameters that exist whatever the scene holds."""
+    """Return the parameters that exist in every scene."""
     rows = {row.name: row for row in table.NODE}
     for prefix, group in GROUPS.items():
         rows.update(prefixed(prefix, group))
@@ -66,13 +66,13 @@ def fixed_rows() -> dict[str, Parameter]:
 
 
 def type_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
-    """`<name>.type` of all that comes in several types, for the lists of names in `values`."""
+    """Return the rows `<name>.type` of everything that comes in several types, for the lists of names in `values`."""
     groups = {"objects": table.OBJECT, "forces": table.FORCE, "constraints": table.CONSTRAINT}
     return {f"{name}.type": rows[0] for group, rows in groups.items() for name in values.get(group, ())}
 
 
 def scene_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
-    """The parameters of all that `values` name in the lists of NAMED, with the values of `type_rows`."""
+    """Return the parameters of all names in the lists of NAMED, by `values`, which include those of `type_rows`."""
 
     def rows_of(group: str, name: str) -> tuple[Parameter, ...]:
         kind = values.get(f"{name}.type")
@@ -96,7 +96,7 @@ def scene_rows(values: Mapping[str, Any]) -> dict[str, Parameter]:
 
 
 def idle(name: str, values: Mapping[str, object]) -> str:
-    """Why the parameter `name` has no effect with these values, in one sentence; "" where it has."""
+    """Return why the parameter `name` has no effect with these values, in one sentence; "" if it has."""
     owner, _, field = name.rpartition(".")
     switches = {
         "bend_compliance": ("bending", "none"),
@@ -122,7 +122,7 @@ def idle(name: str, values: Mapping[str, object]) -> str:
 
 
 def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str], list[str]]:
-    """The `names` that can prefix topics and parameters, and a sentence for each that cannot. Adds to `taken`."""
+    """Return the `names` that can prefix topics and parameters, and a sentence for each other one. Adds to `taken`."""
     good, complaints = [], []
     for name in names:
         trouble = unusable(name, taken)
@@ -135,7 +135,7 @@ def usable(names: Iterable[str], taken: set[str], what: str) -> tuple[list[str],
 
 
 def unusable(name: str, taken: Container[str]) -> str:
-    """Why a name cannot prefix topics and parameters beside those `taken`, in words; "" where it can."""
+    """Return why a name cannot prefix topics and parameters beside those `taken`; "" if it can."""
     if not _NAME.fullmatch(name):
         return "a name is letters, digits and _, a letter first"
     if len(name) > LONGEST:

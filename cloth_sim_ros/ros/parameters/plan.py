@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter values -> the Scene, Settings and device of a Simulation. Plain Python: no rclpy, nothing on a device."""
+"""Scene, Settings and device of a Simulation from parameter values. Plain Python: no rclpy, nothing on a device."""
 
 from __future__ import annotations
 
@@ -27,9 +27,12 @@ Values = Mapping[str, Any]  # full parameter name -> checked value
 
 @dataclass(frozen=True)
 class Plan:
-    """What to build, and `problems`: name of an object, collider, handle or group -> why it is left out, in one
-    sentence. mounts: collider of the robot -> its link, and its pose in the axes of that. grippers: whose fingers are
-    among the colliders. frame_id: the frame of the scene."""
+    """Description of a simulation to build.
+
+    problems: name of an object, collider, handle or group -> why it is left out, in one sentence. mounts: collider of
+    the robot -> its link, and its pose in the axes of that. grippers: grippers whose fingers are among the colliders.
+    frame_id: the frame of the scene.
+    """
 
     scene: Scene
     settings: Settings
@@ -40,14 +43,14 @@ class Plan:
     frame_id: str = "world"
 
     def without(self, names: Container[str]) -> Plan:
-        """The same plan without the objects of these names."""
+        """Return the plan without the objects of these names."""
         objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
         constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
         seams = {name: each for name, each in self.scene.seams.items() if {each.first, each.second} <= objects.keys()}
         return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints, seams=seams))
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
-        """The same plan with colliders and handles at `poses`, where topics have moved them."""
+        """Return the plan with colliders and handles at `poses`, where topics have moved them."""
         colliders = {
             name: replace(collider, **_placed(collider, poses[name])) if name in poses else collider
             for name, collider in self.scene.colliders.items()
@@ -60,7 +63,7 @@ class Plan:
 
 
 def make_plan(values: Values) -> Plan:
-    """The plan for `values`; what cannot be is left out and said in `problems`."""
+    """Return the plan for `values`. Things that are not allowed are left out, with a sentence in `problems`."""
     problems: dict[str, str] = {}
     objects = _made(values, values["objects"], make_object, problems)
     colliders = _made(values, values["colliders"], make_collider, problems)
@@ -99,15 +102,15 @@ def make_plan(values: Values) -> Plan:
 
 
 def group(values: Values, prefix: str) -> dict[str, Any]:
-    """The values under `prefix`, by their names without it."""
+    """Return the values under `prefix`, by their names without it."""
     start = prefix + "."
     return {name[len(start) :]: value for name, value in values.items() if name.startswith(start)}
 
 
 def material_values(values: Values, given: Container[str]) -> dict[str, Any]:
-    """Full name -> value of what the materials of objects set, but for the names in `given`, which somebody has set.
+    """Return full name -> value of all parameters that the materials of objects set, without those in `given`.
 
-    What cannot be made of a material sets nothing; make_object says why.
+    given: names that the user has set. A material that cannot be used sets nothing; make_object raises the reason.
     """
     found = {}
     for name in values["objects"]:
@@ -120,7 +123,7 @@ def material_values(values: Values, given: Container[str]) -> dict[str, Any]:
 
 
 def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, Any]:
-    """Field -> value of what the material of an object sets. Raises ValueError."""
+    """Return field -> value of the parameters that an object's material sets. Raises ValueError."""
     own = group(values, name)
     if own["type"] == "rope":
         radius = own["radius"] if f"{name}.radius" in given else None
@@ -140,7 +143,7 @@ def _of_material(values: Values, name: str, given: Container[str]) -> dict[str, 
 
 
 def make_object(values: Values, name: str) -> Cloth | Rope:
-    """The cloth or rope called `name`. Raises ValueError with what is wrong."""
+    """Return the cloth or rope called `name`. Raises ValueError with what is wrong."""
     own, types = group(values, name), parameters.OBJECT[0].choices
     if own["type"] not in types:
         raise ValueError(f"{name}.type is {own['type']!r}; allowed is one of {', '.join(types)}")
@@ -175,10 +178,10 @@ def make_object(values: Values, name: str) -> Cloth | Rope:
 
 
 def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
-    """Points (segments + 1, 3) [m] at equal distances along straight lines between corners, x y z of each in `path`.
+    """Return points (segments + 1, 3) [m] at equal distances along straight lines between the corners of `path`.
 
-    The log tells once if that cuts corners so that it is shorter by more than a hundredth. Raises ValueError where
-    there are fewer than two corners, or one has not three numbers or repeats the one before.
+    path: x y z [m] of each corner. The log tells once if the points cut corners and are more than a hundredth shorter.
+    Raises ValueError for fewer than two corners, for a corner without three numbers, and for one that repeats the last.
     """
     if len(path) % 3 or len(path) < 6:
         raise ValueError(f"{name} has {len(path)} numbers; allowed are x y z of two corners or more")
@@ -198,7 +201,7 @@ def along_path(path: Sequence[float], segments: int, name: str) -> np.ndarray:
 
 
 def make_collider(values: Values, name: str) -> Collider:
-    """The collider called `name`. Raises ValueError with what is wrong."""
+    """Return the collider called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
     shape, dimensions, file, scale = (own.pop(field) for field in ("shape", "dimensions", "mesh", "scale"))
     del own["follow_frame"]
@@ -214,7 +217,7 @@ def make_collider(values: Values, name: str) -> Collider:
 
 
 def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
-    """The collider called `name` in a file. Raises ValueError."""
+    """Return the collider called `name` from a file. Raises ValueError."""
     if not file:
         raise ValueError(f"{name}.mesh is empty; a {shape} has a file")
     try:
@@ -225,7 +228,7 @@ def _from_file(name: str, shape: str, file: str, **fields: Any) -> Collider:
 
 
 def make_handle(values: Values, name: str) -> Handle:
-    """The handle called `name`. Raises ValueError with what is wrong."""
+    """Return the handle called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
     if own["object"] not in ("", *values["objects"]):
         allowed = ", ".join(values["objects"])
@@ -237,7 +240,7 @@ def make_handle(values: Values, name: str) -> Handle:
 
 
 def make_gripper(values: Values, name: str) -> Gripper:
-    """The gripper called `name`. Raises ValueError with what is wrong."""
+    """Return the gripper called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
     for row in (parameters.FOLLOW_FRAME, *parameters.GRIPPER_JOINT):
         del own[row.name]
@@ -255,7 +258,7 @@ def make_gripper(values: Values, name: str) -> Gripper:
 
 
 def make_robot(values: Values, problems: dict[str, str]) -> tuple[dict[str, Collider], dict[str, tuple[str, Pose]]]:
-    """The colliders of the robot's links, with its joints at 0, and Plan.mounts; what cannot be is in `problems`."""
+    """Return the colliders of the robot's links, with its joints at 0, and Plan.mounts; add errors to `problems`."""
     colliders: dict[str, Collider] = {}
     try:
         robot = read_robot(values["robot.urdf"]) if values["robot.urdf"] else None
@@ -279,12 +282,12 @@ def make_robot(values: Values, problems: dict[str, str]) -> tuple[dict[str, Coll
 
 
 def make_force(values: Values, name: str) -> Force:
-    """The force called `name`. Raises ValueError with what is wrong."""
+    """Return the force called `name`. Raises ValueError with what is wrong."""
     return _of_plugin(FORCES, values, name)
 
 
 def make_constraint(values: Values, name: str) -> Constraint:
-    """The constraint called `name`. Raises ValueError with what is wrong."""
+    """Return the constraint called `name`. Raises ValueError with what is wrong."""
     if values[f"{name}.object"] not in values["objects"]:
         allowed = ", ".join(values["objects"])
         raise ValueError(f"{name}.object is {values[f'{name}.object']!r}; allowed is one of {allowed}")
@@ -292,7 +295,7 @@ def make_constraint(values: Values, name: str) -> Constraint:
 
 
 def make_seam(values: Values, name: str) -> Seam:
-    """The seam called `name`. Raises ValueError with what is wrong."""
+    """Return the seam called `name`. Raises ValueError with what is wrong."""
     own = group(values, name)
     for which in ("first", "second"):
         if own[which] not in values["objects"]:
@@ -305,7 +308,7 @@ def make_seam(values: Values, name: str) -> Seam:
 
 
 def _of_plugin(known: Mapping[str, type], values: Values, name: str) -> Any:
-    """What is called `name`, of a class in one of the tables that plugins add to."""
+    """Make the object called `name`, of a class in one of the tables that plugins add to. Raises ValueError."""
     own = group(values, name)
     kind = known.get(own.pop("type"))
     if kind is None:
@@ -330,7 +333,7 @@ def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]
 
 
 def placed(pose: Any) -> dict[str, Any]:
-    """The position and orientation of whatever has them, as fields."""
+    """Return the position and orientation of any object that has them, as fields."""
     return {"position": pose.position, "orientation": pose.orientation}
 
 

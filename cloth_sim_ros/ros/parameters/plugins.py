@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Modules of other packages, which add their own to the tables SHAPES, FORCES, CONSTRAINTS and OUTPUTS."""
+"""Modules of other packages that add entries to the tables SHAPES, FORCES, CONSTRAINTS and OUTPUTS."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ from cloth_sim_ros.parameters import shown
 
 
 def add_plugins_option(parser: argparse.ArgumentParser) -> None:
-    """For programs that read bags, whose `plugins` they do not import: a bag may come from anybody."""
+    """Add --plugins to a program that reads bags.
+
+    Such programs do not import the `plugins` that a bag names, as a bag may come from anybody.
+    """
     parser.add_argument("--plugins", nargs="+", default=[], metavar="MODULE", help="modules of the recorded node")
 
 
 def require_plugins(modules: Iterable[str]) -> None:
-    """Imports the modules. Raises ValueError where one cannot be."""
+    """Import the modules. Raises ValueError if one cannot be imported."""
     for problem in load_plugins(modules):
         raise ValueError(problem)
 
 
 def load_plugins(modules: Iterable[str]) -> list[str]:
-    """Imports the modules; a sentence for each that cannot be."""
+    """Import the modules; return a sentence for each that cannot be imported."""
     problems = []
     for module in modules:
         try:

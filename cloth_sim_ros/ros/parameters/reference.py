@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prints docs/reference/parameters.md from the table: `make docs`."""
+"""Print docs/reference/parameters.md from the table: `make docs`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ fourth power.
 
 
 def reference() -> str:
-    """The whole document."""
+    """Return the whole document."""
     sections = [
         ("Node", "", table.NODE),
         ("Solver", "solver.", table.SOLVER),
@@ -60,7 +60,7 @@ def _section(title: str, prefix: str, rows: Iterable[Parameter]) -> str:
 
 
 def _materials() -> str:
-    """The presets of sheets and of ropes."""
+    """Return the presets of sheets and of ropes."""
     sheets = ["material", "mass [kg/m^2]", "E warp [N/m]", "E weft [N/m]", "shear [N/m]", "Poisson"]
     sheets += ["B warp [N m]", "B weft [N m]", "B diagonal [N m]", "damping [s]", "thick [m]"]
     ropes = ["material", "radius [m]", "mass [kg/m]", "EA [N]", "EI [N m^2]", "damping [s]", "in bending [s]"]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services of parameters. Every request gets an answer, and one that sets a parameter gets it when it is decided.
+"""Services of parameters. Every request gets an answer; one that sets a parameter gets it once that is decided.
 
-Those of rclpy itself leave a client without an answer where a value has an unknown type. The node would also stand
-still while it is found out whether a value can be.
+The services of rclpy leave a client without an answer if a value has an unknown type. The node would also stand still
+while the values are checked.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from cloth_sim_ros.ros.parameters.bridge import ParameterBridge
 class ParameterServices:
     """The six services of `node`, which was made without rclpy's.
 
-    bridge.decide(parameters) raises ValueError for what cannot be. It runs in a thread of its own, for one request
-    after the other, and the executor goes on meanwhile.
+    bridge.decide(parameters) raises ValueError for values that are not allowed. It runs in a thread of its own, for one
+    request after the other, and the executor goes on meanwhile.
     """
 
     def __init__(self, node: Node, bridge: ParameterBridge):
@@ -56,7 +56,7 @@ class ParameterServices:
             node.create_service(kind, f"~/{name}", callback, qos_profile=qos_profile_parameters, callback_group=group)
 
     def stop(self) -> bool:
-        """Decides nothing more; False if its thread is still at something."""
+        """End the decisions; return False if the thread is still at one."""
         self._deciding.shutdown(wait=False, cancel_futures=True)
         return self._last is None or self._last.done()
 
@@ -117,9 +117,9 @@ def _parameter(message: Any) -> Parameter:
 
 
 async def settled(node: Node, future: Future, patience: float = math.inf) -> Any:
-    """The result of a future of another thread, while the executor of `node` goes on.
+    """Return the result of a future of another thread, while the executor of `node` goes on.
 
-    Raises what that raised, and TimeoutError after `patience` [s].
+    Raises the future's exception, and TimeoutError after `patience` [s].
     """
     end = time.monotonic() + patience
     future.add_done_callback(lambda _: node.executor.wake())

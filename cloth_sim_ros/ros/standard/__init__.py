@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The services of simulation_interfaces, where that package is installed; nothing else imports it."""
+"""Services of simulation_interfaces, if that package is installed; nothing else imports it."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What there is, where it is and how it moves: objects, colliders and handles, by their names."""
+"""Entities: names, poses and motion of objects, colliders and handles."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ LONGEST, PATIENCE = 200, 0.5  # letters of a regular expression, and [s] that it
 
 
 class Entities:
-    """Handlers, each (request, response), for the executor's thread. now(world) gives nanoseconds of a stamp."""
+    """Handlers, each (request, response), for the executor's thread. now(world) returns nanoseconds of a stamp."""
 
     def __init__(self, world: World, frames: Frames, ask: Asking, spawner: Spawner, now: Callable[[World], int]):
         self._world, self._frames, self._ask, self._spawner, self._now = world, frames, ask, spawner, now
 
     async def get_all(self, request: Any, response: Any) -> None:
-        """GetEntities."""
+        """Answer GetEntities."""
         response.entities = _matching(request.filters.filter, await self._ask(self._filtered, request.filters))
 
     async def get_states(self, make_state: Callable[[], Any], request: Any, response: Any) -> None:
-        """GetEntitiesStates."""
+        """Answer GetEntitiesStates."""
         await self.get_all(request, response)
         for name in response.entities:
             response.states.append(make_state())
             await self._ask(self._tell_state, name, response.states[-1])
 
     async def get_state(self, request: Any, response: Any) -> None:
-        """GetEntityState."""
+        """Answer GetEntityState."""
         await self._ask(self._tell_state, request.entity, response.state)
 
     async def set_state(self, request: Any, response: Any) -> None:
-        """SetEntityState; the flags are since 2.1, before all of a state was set."""
+        """Answer SetEntityState. The flags exist since 2.1; without them the whole state is set."""
         pose = twist = None
         if getattr(request, "set_pose", True):
             pose = read_placed(request.state, self._frames, SET_INVALID_POSE)
@@ -63,13 +63,13 @@ class Entities:
         await self._ask(self._place, request.entity, pose, twist)
 
     async def get_info(self, request: Any, response: Any) -> None:
-        """GetEntityInfo."""
+        """Answer GetEntityInfo."""
         category, tags = await self._ask(lambda: self._info(self._known(request.entity)))
         response.info.category.category, response.info.tags = category, tags
         response.info.description = f"{' '.join(tags)} of cloth_sim_ros"
 
     async def get_bounds(self, request: Any, response: Any) -> None:
-        """GetEntityBounds: a box in the entity's axes, or none where it has no end."""
+        """Answer GetEntityBounds: a box in the entity's axes, or none if it is unbounded."""
         box = await self._ask(lambda: self._box(self._known(request.entity))[0])
         response.bounds.type = EMPTY if box is None else BOX
         response.bounds.points = [] if box is None else [Vector3(**_xyz(corner)) for corner in reversed(box)]
@@ -99,13 +99,13 @@ class Entities:
         return ROBOT if self._is_robots(name) else STATIC_OBJECT, ["collider", shape, *spawned]
 
     def _box(self, name: str) -> tuple[shapes.Box | None, shapes.Box | None]:
-        """In its own axes, and along those of the world."""
+        """Return the bounding boxes in the entity's own axes, and along those of the world."""
         pose = shapes.state_of(self._ask.sim, name).pose
         box = shapes.box_of(self._ask.sim, name, pose)
         return box, None if box is None else shapes.in_world(box, pose)
 
     def _filtered(self, filters: Any) -> list[str]:
-        """All names that pass the filters, but for the one by names."""
+        """Return all names that pass the filters, without the filter by name."""
         wanted = {each.category for each in filters.categories}
         tags, needs = set(filters.tags.tags), all if filters.tags.filter_mode == ALL_TAGS else any
         bounds = _read_bounds(filters.bounds)
@@ -127,7 +127,7 @@ class Entities:
         message.twist.linear, message.twist.angular = Vector3(**_xyz(state.velocity)), Vector3(**_xyz(state.turning))
 
     def _place(self, name: str, pose: Any, twist: np.ndarray | None) -> None:
-        """Puts something elsewhere at once, as a whole. Raises Refusal or ValueError."""
+        """Move an entity at once, as a whole. Raises Refusal or ValueError."""
         sim = self._ask.sim
         before = shapes.state_of(sim, self._known(name)).pose
         if name in sim.scene.objects:
@@ -148,9 +148,9 @@ class Entities:
 
 
 def _matching(pattern: str, names: Sequence[str]) -> list[str]:
-    """The names in which a POSIX extended regular expression is found. Raises Refusal.
+    """Return the names in which a POSIX extended regular expression is found. Raises Refusal.
 
-    grep is ended where it takes long. The `re` of Python knows no such end, and some patterns take it years.
+    grep is ended if it takes long. The `re` of Python has no such limit, and some patterns take it years.
     """
     if not pattern or not names:
         return list(names)
@@ -168,7 +168,7 @@ def _matching(pattern: str, names: Sequence[str]) -> list[str]:
 
 
 def _read_bounds(bounds: Any) -> tuple[shapes.Box, float] | None:
-    """A box, and how near to it is near enough [m]; None where nothing is bounded. Raises Refusal."""
+    """Return a box, and the distance [m] within which an entity is inside; None without bounds. Raises Refusal."""
     if bounds.type == EMPTY:
         return None
     if bounds.type not in (BOX, SPHERE):
@@ -185,7 +185,7 @@ def _read_bounds(bounds: Any) -> tuple[shapes.Box, float] | None:
 
 
 def _overlap(box: shapes.Box | None, around: shapes.Box, near: float) -> bool:
-    """Whether a box of an entity, or None for one without an end, comes as near to another."""
+    """Return True if the box of an entity comes within `near` [m] of another box; None is an unbounded one."""
     if box is None:
         return True
     gaps = np.maximum(0.0, np.maximum(box[0] - around[1], around[0] - box[1]))

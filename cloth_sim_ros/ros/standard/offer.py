@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Offers what of the standard can be, as far as the version of simulation_interfaces that is installed has it."""
+"""Offer the services of the standard, as far as the installed version of simulation_interfaces has them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,7 @@ from cloth_sim_ros.ros.world import World
 class Standard:
     """The handlers of one node.
 
-    show(come, go) puts outputs of objects among those that are sent, and takes others away, in the loop's thread.
-    now(world) gives nanoseconds of a stamp.
+    show(come, go) adds and removes outputs of objects, in the loop's thread. now(world) returns nanoseconds of a stamp.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class Standard:
 
 
 def offer(node: Node, standard: Standard) -> None:
-    """Creates the services and the action of `node`; none where the package is not installed."""
+    """Create the services and the action of `node`; none if the package is not installed."""
     try:
         from simulation_interfaces import action, msg, srv
     except ImportError:

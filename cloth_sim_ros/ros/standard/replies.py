@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Answers with the standard's result codes, and questions to the thread that simulates."""
+"""Answers with the standard's result codes, and calls into the thread that simulates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Refusal(Exception):
 
 
 def replying(handler: Callable[[Any, Any], Awaitable[str | None]]) -> Callable:
-    """The callback of a service: `handler` fills the response, and raises Refusal or returns a remark or nothing."""
+    """Return a service's callback: `handler` fills the response, and raises Refusal or returns a remark or nothing."""
 
     async def callback(request: Any, response: Any) -> Any:
         response.result.result, response.result.error_message = await outcome(handler(request, response))
@@ -37,7 +37,7 @@ def replying(handler: Callable[[Any, Any], Awaitable[str | None]]) -> Callable:
 
 
 async def outcome(answer: Awaitable[str | None]) -> tuple[int, str]:
-    """Result code and sentence of what a handler does."""
+    """Return the result code and the sentence of a handler's answer."""
     try:
         return OK, await answer or ""
     except Refusal as reason:
@@ -49,25 +49,25 @@ async def outcome(answer: Awaitable[str | None]) -> tuple[int, str]:
 
 
 class Asking:
-    """Has commands run in the loop's thread between two frames, while the executor of `node` goes on."""
+    """Runs commands in the loop's thread between two frames, while the executor of `node` goes on."""
 
     def __init__(self, node: Node, loop: SimulationLoop):
         self._node, self._loop = node, loop
 
     async def __call__(self, command: Callable[..., Any], *arguments: Any, patience: float = PATIENCE) -> Any:
-        """What command(*arguments) gives. Raises what it raises, and TimeoutError after `patience` [s]."""
+        """Return the result of command(*arguments). Raises its exception, and TimeoutError after `patience` [s]."""
         found = await settled(self._node, self._loop.submit(partial(_caught, command, *arguments)), patience)
         if isinstance(found, Exception):
             raise found
         return found
 
     async def at_length(self, command: Callable[..., Any], *arguments: Any) -> Any:
-        """The same, however long the simulation is busy."""
+        """Call `command` likewise, without a time limit."""
         return await self(command, *arguments, patience=math.inf)
 
     @property
     def sim(self) -> Simulation:
-        """The simulation that runs, to be asked for in the loop's thread. Raises Refusal where there is none."""
+        """The running simulation, to be read in the loop's thread. Raises Refusal if there is none."""
         world = self._loop.world
         if world.sim is None:
             raise Refusal(INCORRECT_STATE, f"no simulation: {world.trouble}")
@@ -75,7 +75,7 @@ class Asking:
 
 
 def _caught(command: Callable[..., Any], *arguments: Any) -> Any:
-    """Gives a refusal back as a value, as the loop logs what a command raises."""
+    """Return a refusal as a value, as the loop logs exceptions of commands."""
     try:
         return command(*arguments)
     except (Refusal, ValueError) as reason:

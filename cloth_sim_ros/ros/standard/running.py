@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the simulator can do, whether it runs, and how far: state, reset and steps."""
+"""Features of the simulator, its state, reset and steps."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Running:
         self._loop, self._ask, self._spawner = loop, ask, spawner
 
     async def get_features(self, request: Any, response: Any) -> Any:
-        """GetSimulatorFeatures, as far as its version knows them. Its response has no result."""
+        """Answer GetSimulatorFeatures, with the features that its version knows. Its response has no result."""
         features = response.features
         known = (getattr(features, name, None) for name in FEATURES)
         features.features = [number for number in known if number is not None]
@@ -39,7 +39,7 @@ class Running:
         return response
 
     async def get_state(self, request: Any, response: Any) -> None:
-        """GetSimulationState."""
+        """Answer GetSimulationState."""
         response.state.state = self._state
 
     @property
@@ -52,7 +52,7 @@ class Running:
         return STOPPED if world.is_at_start else PAUSED
 
     async def set_state(self, request: Any, response: Any) -> None:
-        """SetSimulationState: played, paused, or stopped, which is paused at the start."""
+        """Answer SetSimulationState: play, pause, or stop, which is a pause at the start."""
         now, wanted = self._state, request.state.state
         if wanted not in (STOPPED, PLAYING, PAUSED):
             raise Refusal(UNSUPPORTED, f"the state {wanted} is not offered; allowed are 0 stopped, 1 playing, 2 paused")
@@ -65,7 +65,7 @@ class Running:
             await self._ask(self._loop.world.reset)
 
     async def reset(self, request: Any, response: Any) -> str | None:
-        """ResetSimulation: objects back to their start, and what was spawned away; time goes on."""
+        """Answer ResetSimulation: reset objects to their start and remove spawned ones; time goes on."""
         scope, whole = request.scope, request.scope in (0, SCOPE_ALL)
         if not whole and scope & ~(SCOPE_STATE | SCOPE_SPAWNED):
             raise Refusal(
@@ -78,12 +78,13 @@ class Running:
         return "objects are back at the start, and time goes on" if whole else None
 
     async def step(self, request: Any, response: Any) -> None:
-        """StepSimulation."""
+        """Answer StepSimulation."""
         async for _ in self._stepping(request.steps, request.steps):
             pass
 
     async def simulate_steps(self, goal: Any, feedback: Any, result: Any) -> Any:
-        """The action SimulateSteps: a step with each frame that is sent, and feedback, until its goal is canceled."""
+        """Run the action SimulateSteps: one step and feedback with each frame that is sent, until its goal is
+        canceled."""
         result.result.result, result.result.error_message = await outcome(self._act(goal, feedback))
         if goal.is_cancel_requested:
             goal.canceled()
@@ -102,9 +103,9 @@ class Running:
                 raise Refusal(FAILED, f"that was canceled after {done} of {steps} steps")
 
     async def _stepping(self, steps: int, most: int) -> AsyncIterator[int]:
-        """Does exactly `steps` frames of a paused simulation, at most so many in a row; gives how many are done.
+        """Simulate exactly `steps` frames while paused, at most `most` in a row; yield the number done.
 
-        Raises Refusal where it is not paused, or is set to run or reset meanwhile.
+        Raises Refusal if it is not paused, or is set to run or reset meanwhile.
         """
         if not self._loop.paused:
             raise Refusal(FAILED, "the simulation is running; pause it first")
@@ -116,7 +117,7 @@ class Running:
             yield done
 
     def _some_steps(self, most: int) -> int:
-        """In the loop's thread: some of `most` steps, at least one; how many."""
+        """Simulate at least one of at most `most` frames, in the loop's thread; return their number."""
         end, done = time.monotonic() + SHARE, 0
         while done < most and (not done or time.monotonic() < end):
             self._ask.sim  # noqa: B018  it refuses where there is none

@@ -14,7 +14,7 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.physics.quaternion import rotate
 from cloth_sim_ros.sim.scene.handles import extents
 
-NEAREST = 1e-6  # weight of the smallest turn, which decides about those that a flat or straight object leaves open
+NEAREST = 1e-6  # weight of the identity, which selects the smallest turn if a flat or straight object leaves it open
 
 Box = tuple[np.ndarray, np.ndarray]  # lower and upper corner (3,) [m]
 
@@ -29,9 +29,9 @@ class State:
 
 
 def state_of(sim: Simulation, name: str) -> State:
-    """Where something is; of an object the rigid motion that fits all its particles best, by their masses.
+    """Return the state of an entity. For an object it is the best rigid motion of all particles, weighted by mass.
 
-    The pose of an object is the one of its parameters while it lies as at its start.
+    An object that lies as at its start has the pose of its parameters.
     """
     if name not in sim.scene.objects:
         return State(Pose(sim.get(f"{name}.position"), sim.get(f"{name}.orientation")), np.zeros(3), np.zeros(3))
@@ -50,7 +50,10 @@ def state_of(sim: Simulation, name: str) -> State:
 
 
 def best_turn(before: np.ndarray, now: np.ndarray, weights: np.ndarray) -> tuple[float, float, float, float]:
-    """The rotation x y z w of rows (N, 3) onto others with least squares, by its largest eigenvector (Horn 1987)."""
+    """Return the rotation x y z w of rows (N, 3) onto others by least squares.
+
+    It is the eigenvector of the largest eigenvalue (Horn 1987).
+    """
     s = (weights * before).T @ now
     s += NEAREST * max(np.linalg.norm(s), 1e-300) * np.eye(3)
     trace, odd = np.trace(s), np.array([[s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]]])
@@ -61,7 +64,7 @@ def best_turn(before: np.ndarray, now: np.ndarray, weights: np.ndarray) -> tuple
 
 
 def carried(points: np.ndarray, before: Pose, after: Pose) -> np.ndarray:
-    """Points (N, 3) [m] that go along with a pose."""
+    """Return points (N, 3) [m] moved along with a pose."""
     return rotate(after.orientation, _local(points, before)) + after.position
 
 
@@ -71,7 +74,7 @@ def _local(points: np.ndarray, pose: Pose) -> np.ndarray:
 
 
 def box_of(sim: Simulation, name: str, pose: Pose) -> Box | None:
-    """The box around something in the axes of its `pose`; None where it has no bounds."""
+    """Return the bounding box of an entity in the axes of its `pose`; None if it is unbounded."""
     if name in sim.scene.objects:
         points = _local(sim.positions(name).astype(np.float64), pose)
         return points.min(axis=0), points.max(axis=0)
@@ -97,6 +100,6 @@ def _of_collider(collider: Collider) -> Box | None:
 
 
 def in_world(box: Box, pose: Pose) -> Box:
-    """The box along the axes of the world around one in the axes of `pose`."""
+    """Return the box along the axes of the world around a box in the axes of `pose`."""
     corners = rotate(pose.orientation, np.array(list(itertools.product(*zip(*box, strict=True))))) + pose.position
     return corners.min(axis=0), corners.max(axis=0)

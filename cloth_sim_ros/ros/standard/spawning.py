@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SpawnEntity and DeleteEntity: colliders, and cloths and ropes by the parameters that a file has for them."""
+"""SpawnEntity and DeleteEntity: colliders, cloths and ropes, described by the parameters of a file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LOST = "the simulation cannot be built with it; the log says why"
 class Spawner:
     """Handlers, each (request, response), for the executor's thread, one after the other.
 
-    show(come, go) has outputs of objects come and go, in the loop's thread.
+    show(come, go) adds and removes outputs of objects, in the loop's thread.
     """
 
     def __init__(
@@ -52,17 +52,17 @@ class Spawner:
         self._outputs: dict[str, list[Output]] = {}  # of each object that was spawned
 
     def is_spawned(self, name: str) -> bool:
-        """Whether an entity came while the node ran."""
+        """Return True if an entity was added while the node ran."""
         return name in self._outputs or name in self._loop.world.added.colliders
 
     async def spawn(self, request: Any, response: Any) -> None:
-        """SpawnEntity."""
+        """Answer SpawnEntity."""
         await self._prepare(request, response)
         if await self._lost([response.entity_name]):
             raise Refusal(FAILED, LOST)
 
     async def spawn_all(self, make_result: Callable[[], Any], request: Any, response: Any) -> None:
-        """SpawnEntities: with a result each, and the simulation built once."""
+        """Answer SpawnEntities, with a result for each; the simulation is built once."""
         for each in request.spawn_requests:
             result = make_result()
             result.result.result, result.result.error_message = await outcome(self._prepare(each, result))
@@ -76,7 +76,7 @@ class Spawner:
             raise Refusal(SPAWN_FAILED, f"{failed} of {len(response.results)} were refused; their results say why")
 
     async def _prepare(self, request: Any, response: Any) -> None:
-        """Adds a collider, or all of an object but what is built. Raises Refusal."""
+        """Add a collider, or prepare an object for the next build. Raises Refusal."""
         if request.entity_namespace:
             raise Refusal(UNSUPPORTED, "entity_namespace is not offered; allowed is none, as topics are below the node")
         inside, fields = _read(getattr(request, "entity_resource", request))  # since 2.0 a message of its own
@@ -100,7 +100,7 @@ class Spawner:
         response.entity_name = name
 
     async def delete(self, request: Any, response: Any) -> None:
-        """DeleteEntity."""
+        """Answer DeleteEntity."""
         name = request.entity
         if not self.is_spawned(name):
             sim = await self._ask(lambda: self._ask.sim)
@@ -110,11 +110,11 @@ class Spawner:
         await self._remove([name])
 
     async def remove_all(self) -> None:
-        """Takes away what came while the node ran."""
+        """Remove all entities that were added while the node ran."""
         await self._remove([*self._outputs, *await self._ask.at_length(lambda: list(self._loop.world.added.colliders))])
 
     def _free_name(self, wanted: str, renames: bool) -> str:
-        """In the loop's thread: the name, or one like it. Raises Refusal."""
+        """Return the name, or a free one like it, in the loop's thread. Raises Refusal."""
         values, world = self._bridge.values, self._loop.world
         named = {name for what in names.NAMED for name in values[what]} | {*finger_names(values["grippers"])}
         taken = named | {*world.added.colliders, *names.fixed_rows(), *names.GROUPS}
@@ -128,7 +128,7 @@ class Spawner:
         return next(name for k in itertools.count(1) if not names.unusable(name := f"{stem}_{k}", taken))
 
     def _put(self, name: str, given: Mapping[str, Any], pose: Pose) -> None:
-        """In the loop's thread: adds a collider. Raises ValueError, and Refusal where there is no room for it."""
+        """Add a collider, in the loop's thread. Raises ValueError, and Refusal if there is no room for it."""
         rows = names.prefixed(name, names.collider_rows())
         values = filled(rows, given)
         collider = make_collider({**values, **_at(pose, values, name)}, name)
@@ -138,7 +138,7 @@ class Spawner:
             raise Refusal(FAILED, why)
 
     async def _lost(self, names: Collection[str]) -> list[str]:
-        """Builds the simulation with objects that are prepared; those that it cannot have are taken away again."""
+        """Build the simulation with the prepared objects; remove those that it cannot have and return their names."""
         new = [name for name in names if name in self._outputs]
         if not new:
             return []
@@ -160,13 +160,14 @@ class Spawner:
             await self._ask.at_length(self._loop.world.take_away, name)
 
     def _build(self, come: Collection[Output], go: Collection[Output]) -> None:
-        """In the loop's thread: the simulation with other objects."""
+        """Build the simulation with other objects, in the loop's thread."""
         self._show(come, go)
         self._loop.build()
 
 
 def read_placed(message: Any, frames: Frames, code: int) -> Pose:
-    """The pose of a message with a header, whose stamp the standard has ignored. Raises Refusal with `code`."""
+    """Return the pose of a message with a header, ignoring its stamp as the standard does. Raises Refusal with
+    `code`."""
     message.header.stamp = Time()
     try:
         return read_pose(message, frames)
@@ -175,12 +176,12 @@ def read_placed(message: Any, frames: Frames, code: int) -> Pose:
 
 
 def _at(pose: Pose, values: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """The parameters of something that lies as `values` say in the axes of `pose`."""
+    """Return the pose parameters of `name`, whose pose in `values` is given in the axes of `pose`."""
     return {f"{name}.{field}": value for field, value in placed(composed(pose, Pose.of(values, name))).items()}
 
 
 def _read(resource: Any) -> tuple[str, dict[str, Any]]:
-    """The name, or "", and the fields of one thing in YAML. Raises Refusal."""
+    """Return the name, or "", and the fields of one entity in YAML. Raises Refusal."""
     if resource.uri:
         raise Refusal(UNSUPPORTED_FORMAT, "a uri is not offered; allowed is YAML of one object in resource_string")
     text = resource.resource_string

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When a frame is due, and the thread that simulates."""
+"""Due times of frames, and the thread that simulates."""

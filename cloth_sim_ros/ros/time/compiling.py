@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The compiler as the node sees it, and what rare frames need compiled beside the simulation, so that none waits."""
+"""Compilation of the kernels of rare frames beside the simulation, so that no frame waits for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.kernels.compiled import watched_compiler
 class Compiling:
     """Compiles in a thread of its own, and says in the log when it is done.
 
-    compiler: what Warp compiles in any thread.
+    compiler: watches Warp's compilation in any thread.
     """
 
     def __init__(self, log: Any):
@@ -22,13 +22,13 @@ class Compiling:
         self._thread: threading.Thread | None = None
 
     def start(self, sim: Simulation) -> None:
-        """Compiles what `sim` has not compiled so far."""
+        """Compile all kernels that `sim` has not compiled so far."""
         self._thread = threading.Thread(target=self._compile, args=(sim,), name="compiling", daemon=True)
         self._thread.start()
 
     @property
     def is_running(self) -> bool:
-        """Whether kernels are still being compiled."""
+        """True if kernels are still being compiled."""
         return self._thread is not None and self._thread.is_alive()
 
     def _compile(self, sim: Simulation) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the next frame is due, and how well the simulation keeps up with real time."""
+"""Deadlines of frames, and the pace of the simulation against real time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Pace:
-    """real_time_factor: simulated per real second while not paused; ms_per_frame: median time spent on one frame [ms];
-    ms_waiting: the same of what the thread waited for the device in it."""
+    """Pace of the simulation.
+
+    real_time_factor: simulated per real second while not paused. ms_per_frame: median time spent on one frame [ms].
+    ms_waiting: median time in it that the thread waited for the device [ms].
+    """
 
     real_time_factor: float
     ms_per_frame: float
@@ -23,7 +26,7 @@ class Pace:
 class FrameClock:
     """Absolute deadlines every `period` [s], so that lateness of one frame does not delay the ones after it.
 
-    Frames that come late are caught up with, as where other work takes the processor for a moment. Time beyond
+    Late frames are caught up with, such as after other work has taken the processor for a moment. Time beyond
     MOST_BEHIND is dropped: the simulation falls behind real time, and `pace` says so.
     """
 
@@ -38,25 +41,27 @@ class FrameClock:
         self._simulated = 0.0
 
     def restart(self, period: float) -> None:
-        """Counts and deadlines anew from now on."""
+        """Restart counts and deadlines from now."""
         self.__init__(period)
 
     def worked(self, seconds: float, waited: float, simulated: float) -> None:
-        """Notes a frame that took `seconds` to compute and to hand over for sending, `waited` of them for the device,
-        and covers `simulated` seconds."""
+        """Note a frame that took `seconds` to compute and to hand over for sending, and covers `simulated` seconds.
+
+        waited [s]: the part of it that the thread waited for the device.
+        """
         self._works.append(seconds)
         self._waits.append(waited)
         self._simulated += simulated
 
     def wait(self, stop: threading.Event) -> None:
-        """Sleeps until the next frame is due, or until `stop` is set."""
+        """Sleep until the next frame is due, or until `stop` is set."""
         now = time.monotonic()
         self._deadline = max(self._deadline + self.period, now - self.MOST_BEHIND)
         if self._deadline > now:
             stop.wait(self._deadline - now)
 
     def pace(self) -> Pace:
-        """The pace since the last call."""
+        """Return the pace since the last call."""
         now = time.monotonic()
         elapsed, work, wait = max(now - self._since, 1e-9), _median_ms(self._works), _median_ms(self._waits)
         pace = Pace(self._simulated / elapsed, work, wait, len(self._works))

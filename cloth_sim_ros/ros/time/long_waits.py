@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tells what the simulation's thread is at where it takes so long that the thread cannot tell of it."""
+"""Report the work of the simulation's thread while it takes so long that the thread cannot report itself."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from typing import Any
 from cloth_sim_ros.ros.time.loop import SimulationLoop
 from cloth_sim_ros.sim.kernels.compiled import Compiler
 
-LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] without the compiler, from which on there is advice
+LONG = {"": math.inf, "frame": 5.0, "building": 60.0}  # [s] without the compiler, after which there is advice
 WORTH_TELLING = 2.0  # [s] of a build, or of a frame that waits for the compiler
-WORTH_LOGGING = 5.0  # [s] of anything, for the log; then after twice the time each
+WORTH_LOGGING = 5.0  # [s] of any work before it is logged; then after twice the time each
 
 
 class LongWaits:
-    """`look` is called once a second, in another thread than the loop's. say(sentence) tells whoever listens now."""
+    """`look` is called once a second, in another thread than the loop's. say(sentence) reports to present listeners."""
 
     def __init__(self, loop: SimulationLoop, compiler: Compiler, log: Any, say: Callable[[str], None]):
         self._loop, self._compiler, self._log, self._say = loop, compiler, log, say
         self._seconds = math.inf  # of what the loop is at, when it was looked at last
         self._compiling_before = 0.0  # [s] of the compiler, when that began
-        self._logged = 0.0  # [s] of it when the log was told
+        self._logged = 0.0  # [s] of it when it was last logged
 
     def look(self) -> None:
-        """Says what takes long, and writes it into the log now and then."""
+        """Report work that takes long, and log it now and then."""
         what, seconds = self._loop.busy or ("", 0.0)
         if seconds < self._seconds:  # it has begun since
             self._compiling_before, self._logged = self._compiler.seconds, 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that simulates: takes commands as a frame starts, advances, sends, and sleeps until the next is due."""
+"""The thread that simulates: it runs commands as a frame starts, advances, sends, and sleeps until the next is due."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class SimulationLoop:
     """Runs `world` in a thread of its own.
 
     send(world) is called after every frame, also while paused. It waits until the device is done, so that frames never
-    pile up there, and returns for how long [s]. tell(world, pace) is called once a second, and built(world, ok) after
-    each attempt to build. values() gives the parameter values to build from. All are called in this thread. While
-    `follower` is active, frames are due by /clock and not by the wall.
+    pile up there, and returns the time waited [s]. tell(world, pace) is called once a second, and built(world, ok)
+    after each attempt to build. values() returns the parameter values to build from. All are called in this thread.
+    While `follower` is active, frames are due by /clock and not by the wall clock.
     """
 
     TELL_PERIOD = 1.0  # [s]
@@ -51,39 +51,41 @@ class SimulationLoop:
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread; the first thing it does is to build the simulation."""
+        """Start the thread, which builds the simulation first."""
         self._thread.start()
 
     def stop(self, timeout: float = 2.0) -> bool:
-        """Ends the thread after the frame under way; False if that takes longer than `timeout` [s] or kernels are being
-        compiled."""
+        """End the thread after the current frame.
+
+        Returns False if that takes longer than `timeout` [s] or kernels are being compiled.
+        """
         self._stop.set()
         self._thread.join(timeout)
         return not self._thread.is_alive() and not self.world.compiling.is_running
 
     def submit(self, command: Callable[[], Any]) -> Future:
-        """Has `command` run at the start of the next frame; the future gives its result."""
+        """Run `command` at the start of the next frame; the future holds its result."""
         future: Future = Future()
         self._commands.put((command, future))
         return future
 
     def rebuild(self) -> None:
-        """Has the simulation built anew at the start of the next frame, once however often it was asked for."""
+        """Build the simulation anew at the start of the next frame, once for any number of calls."""
         self._rebuild.set()
 
     @property
     def busy(self) -> tuple[str, float] | None:
-        """What the thread is at, "building" or "frame", and for how long [s]; None between frames."""
+        """Current work, "building" or "frame", and its duration so far [s]; None between frames."""
         busy = self._busy
         return busy and (busy[0], time.monotonic() - busy[1])
 
     def step_once(self) -> None:
-        """One frame while paused; to be submitted."""
+        """Simulate one frame while paused; to be submitted."""
         if self.world.sim is not None:
             self.world.advance()
 
     def build(self) -> None:
-        """Builds the simulation anew at once; to be submitted."""
+        """Build the simulation anew at once; to be submitted."""
         self._rebuild.clear()
         self._busy = "building", time.monotonic()
         self._built(self.world, self.world.build(self._values()))
