@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag holds for a replay: the journal of a node and its particle clouds, by cloth_sim_record or ros2 bag."""
+"""Read a bag for a replay: the journal of a node and its particle clouds, by cloth_sim_record or ros2 bag."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Stamp = tuple[int, int]  # seconds, nanoseconds
 
 
 class Bag:
-    """A recording of one node. Raises ValueError, in one sentence, for what is none or is damaged.
+    """A recording of one node. Raises ValueError in one sentence if the bag is no such recording or is damaged.
 
     node: its full name; journal: its messages, as cloth_sim_ros/ros/journal.py says, from the first start on that
-    clouds belong to; objects: those with clouds; cut_short: whether its recorder was killed.
+    clouds belong to; objects: those with clouds; cut_short: True if its recorder was killed.
     """
 
     def __init__(self, path: Path):
@@ -51,14 +51,15 @@ class Bag:
         self.journal = self._with_clouds(_in_order(starts, acts))
 
     def clouds(self, name: str) -> Iterator[tuple[Stamp, Any]]:
-        """Stamp and cloud of an object, in the order of the bag."""
+        """Yield stamp and cloud of an object, in the order of the bag."""
         for message in self._topics.messages(self._clouds[name]):
             yield (message.header.stamp.sec, message.header.stamp.nanosec), message
 
     def _with_clouds(self, journal: list[dict]) -> list[dict]:
-        """Without what was sent before the start that the first cloud belongs to; late listeners get old messages.
+        """Return the journal without the messages before the start that the first cloud belongs to.
 
-        Clouds may come before the journal starts: then it is the first start after them.
+        Late listeners get such old messages. If clouds come before the journal starts, it begins with the first start
+        after them. Raises ValueError if there is no start.
         """
         first = min((next(self.clouds(name), ((1 << 62, 0), None))[0] for name in self.objects), default=(0, 0))
         starts = [at for at, entry in enumerate(journal) if "start" in entry]
@@ -72,7 +73,7 @@ class Bag:
         return journal[before[-1] if before else running[0] :]
 
     def _check(self, parameters: dict[str, Any]) -> None:
-        """Raises ValueError where a version with other parameters recorded them."""
+        """Raise ValueError if a version with other parameters made the recording."""
         rows = names.fixed_rows()
         if all(name in parameters for name in rows):
             rows |= names.scene_rows(parameters)
@@ -100,7 +101,7 @@ class Bag:
 
 
 def _is_sound(entry: dict) -> bool:
-    """Whether a message of a journal has what it has to have."""
+    """Return True if a message of a journal has the required fields."""
     start, acts = entry.get("start"), entry.get("acts")
     return (
         isinstance(entry["sequence"], int)
@@ -112,7 +113,7 @@ def _is_sound(entry: dict) -> bool:
 
 
 def _in_order(starts: deque[dict], acts: deque[dict]) -> list[dict]:
-    """Messages of two topics by their sequence, which begins anew where the node did."""
+    """Return the messages of two topics in the order of their sequence, which restarts if the node did."""
     found: list[dict] = []
     while acts and starts:
         wanted = found[-1]["sequence"] + 1 if found else 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exports a recording: `cloth_sim_export BAG OUT.glb`, or OUT.mp4, OUT.gif, or a folder of PNGs."""
+"""Export a recording: `cloth_sim_export BAG OUT.glb`, or OUT.mp4, OUT.gif, or a folder of PNGs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = (".glb", ".mp4", ".gif", "")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Writes the first run of a bag; returns the exit status, 1 with one sentence where that cannot be."""
+    """Write the first run of a bag; return the exit status, 1 with one sentence if that fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path, help="folder of a bag")
     parser.add_argument("out", type=Path, help="a file .glb, .mp4 or .gif; without a suffix a folder of PNGs")
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def export(bag: Path, out: Path, rate: float) -> int:
-    """Writes it, says what is left out, and returns the number of frames. Raises ValueError in one sentence."""
+    """Write the film, print what is left out, and return the number of frames. Raises ValueError in one sentence."""
     if out.suffix not in KINDS:
         raise ValueError(f"{out} ends in {out.suffix}; allowed are .glb, .mp4, .gif and a folder without a suffix")
     if not 1.0 <= rate <= 1000.0:

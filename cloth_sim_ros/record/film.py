@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bag shows, frame by frame, as meshes: objects that change their shape, and colliders that move."""
+"""Films of a bag, frame by frame, as meshes: objects that change their shape, and colliders that move."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Film:
-    """Frames at `times` (T,) [s] from the first one; left_out says in sentences what is not in it."""
+    """Frames at `times` (T,) [s] from the first one; left_out: sentences on what is not in it."""
 
     times: np.ndarray
     objects: dict[str, Shape]
@@ -50,9 +50,9 @@ class Film:
 
 
 def film_of(bag: Bag, rate: float) -> Film:
-    """The first run of a bag at `rate` frames a second: until it begins anew or ends.
+    """Return the first run of a bag at `rate` frames a second, until the node restarts or the bag ends.
 
-    Raises ValueError, in one sentence, where nothing can be shown.
+    Raises ValueError in one sentence if the bag shows fewer than two frames of the scene.
     """
     start, acts = first_run(bag)
     added = _added(start["state"]) | {act[1] for _, done in acts for act in done if act[0] == "put"}
@@ -83,7 +83,7 @@ def film_of(bag: Bag, rate: float) -> Film:
 
 
 def _added(state: str) -> set[str]:
-    """Names of the colliders that had come on ~/scene before a start, whose state is in base64."""
+    """Return the names of the colliders that had come on ~/scene before a start with this `state` in base64."""
     with zipfile.ZipFile(io.BytesIO(base64.b64decode(state))) as box:
         return set((header_of(box) or {}).get("added", ()))
 
@@ -93,7 +93,7 @@ def _with_seconds(clouds: list[tuple[Stamp, np.ndarray]]) -> list[tuple[float, n
 
 
 def _shape(thing, name: str, clouds: list[tuple[float, np.ndarray]], times: np.ndarray) -> Shape:
-    """An object at `times`, each by the newest cloud that there was."""
+    """Return an object at `times`, each by the newest cloud before."""
     stamps = np.array([time for time, _ in clouds])
     chosen = [clouds[k][1] for k in np.searchsorted(stamps, times + 1e-6, side="right") - 1]
     if isinstance(thing, Rope):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A film as one glTF 2.0 file: a morph target a frame for each object, keyframes of a node for each collider."""
+"""A film as one glTF 2.0 file: for each object a morph target a frame, for each collider keyframes of a node."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ UPRIGHT = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # glTF has y up
 
 
 class _File:
-    """A file that grows: arrays become accessors, of one buffer."""
+    """A file under construction: arrays become accessors of one buffer."""
 
     def __init__(self):
         self.file, self._bytes = gltf.GLTF2(), bytearray()
 
     def put(self, array: np.ndarray, kind: str, target: int | None = None) -> int:
-        """The accessor of an array of float32 or uint32."""
+        """Add an array of float32 or uint32; return its accessor."""
         data = np.ascontiguousarray(array, np.uint32 if array.dtype.kind in "iu" else np.float32)
         self.file.bufferViews.append(
             gltf.BufferView(buffer=0, byteOffset=len(self._bytes), byteLength=data.nbytes, target=target)
@@ -43,7 +43,7 @@ class _File:
         return len(self.file.accessors) - 1
 
     def mesh(self, name: str, vertices: np.ndarray, normals: np.ndarray, triangles: np.ndarray, material: int) -> int:
-        """The node of a mesh: vertices and normals (T, V, 3), of which the first is the shape at rest."""
+        """Add a mesh with vertices and normals (T, V, 3), of which the first is the shape at rest; return its node."""
         base = gltf.Attributes(
             POSITION=self.put(vertices[0], gltf.VEC3, gltf.ARRAY_BUFFER),
             NORMAL=self.put(normals[0], gltf.VEC3, gltf.ARRAY_BUFFER),
@@ -59,21 +59,21 @@ class _File:
         return len(self.file.nodes) - 1
 
     def animate(self, node: int, path: str, times: int, values: int) -> None:
-        """A node's `path` (weights, translation or rotation) has these values at these times, both accessors."""
+        """Animate a node's `path` (weights, translation or rotation) with values at times, both accessors."""
         motion = self.file.animations[0]
         motion.samplers.append(gltf.AnimationSampler(input=times, output=values, interpolation=gltf.ANIM_LINEAR))
         target = gltf.AnimationChannelTarget(node=node, path=path)
         motion.channels.append(gltf.AnimationChannel(sampler=len(motion.samplers) - 1, target=target))
 
     def save(self, path: Path) -> None:
-        """Writes it as .glb."""
+        """Write the file as .glb."""
         self.file.buffers.append(gltf.Buffer(byteLength=len(self._bytes)))
         self.file.set_binary_blob(bytes(self._bytes))
         self.file.save_binary(str(path))
 
 
 def write_glb(film: Film, path: Path) -> None:
-    """Writes `film`; between frames a viewer interpolates linearly."""
+    """Write `film`; between frames a viewer interpolates linearly."""
     out = _File()
     for name, colour in (("cloth", CLOTH), ("collider", STEEL)):
         paint = gltf.PbrMetallicRoughness(baseColorFactor=list(colour), metallicFactor=0.0, roughnessFactor=0.8)
@@ -101,7 +101,7 @@ def write_glb(film: Film, path: Path) -> None:
 
 
 def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Unit normals (V, 3) at the vertices."""
+    """Return unit normals (V, 3) at the vertices."""
     normals = np.array(Trimesh(vertices, triangles, process=False).vertex_normals)
     normals[np.linalg.norm(normals, axis=1) < 0.5] = (0.0, 0.0, 1.0)  # of what has no area
     return normals

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a bag is what was recorded: a digest of its messages, and what a killed recorder has left."""
+"""Integrity of a bag: a digest of its messages, and the repair of a file that a killed recorder has left."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cloth_sim_ros.sim.input.regular_file import open_regular
 DIGEST = "cloth_sim_digest"  # under custom_data in metadata.yaml
 
 _MAGIC = b"\x89MCAP0\r\n"
-_HEAD = struct.Struct("<BQ")  # of a record of MCAP: its kind and how many bytes follow
+_HEAD = struct.Struct("<BQ")  # head of an MCAP record: its kind and the number of bytes that follow
 # Records that end a file which has no summary, https://mcap.dev/spec: DataEnd and Footer, both without checksums.
 _END = _HEAD.pack(0x0F, 4) + bytes(4) + _HEAD.pack(0x02, 20) + bytes(20) + _MAGIC
 
@@ -25,7 +25,7 @@ class Digest:
         self._sum = 0
 
     def add(self, topic: str, stamp: int, data: bytes) -> None:
-        """Counts a message that came at `stamp` [ns]."""
+        """Add a message that came at `stamp` [ns]."""
         found = hashlib.blake2b(f"{topic}\0{stamp}\0".encode(), digest_size=8)
         found.update(data)
         self._sum = (self._sum + int.from_bytes(found.digest(), "little")) % (1 << 64)
@@ -35,14 +35,14 @@ class Digest:
 
 
 def is_cut_short(path: Path) -> bool:
-    """Whether a folder is a bag in one MCAP file that its recorder did not finish."""
+    """Return True if a folder is a bag in one MCAP file that its recorder did not finish."""
     return path.is_dir() and not (path / "metadata.yaml").exists() and len(list(path.glob("*.mcap"))) == 1
 
 
 def mend(path: Path, folder: Path) -> Path:
-    """A copy in `folder` of the file of a bag that is cut short, up to its last whole record, and ended there.
+    """Return a copy, in `folder`, of the file of a bag that is cut short.
 
-    Raises ValueError where the file cannot be read.
+    The copy ends properly after the last whole record. Raises ValueError if the file cannot be read.
     """
     (file,) = path.glob("*.mcap")
     copy = folder / file.name

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A film as a GIF, an MP4 or numbered PNGs, painted as the pictures of the documents are."""
+"""A film as a GIF, an MP4 or numbered PNGs, painted like the pictures of the documents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NO_FFMPEG = "an MP4 needs ffmpeg; make extras adds it, and so does pip install i
 
 
 def write_movie(film: Film, path: Path, rate: float) -> None:
-    """Writes .mp4 or .gif, or PNGs into a folder. Raises ValueError where there is no ffmpeg for an .mp4."""
+    """Write .mp4 or .gif, or PNGs into a folder. Raises ValueError if ffmpeg is missing for an .mp4."""
     figure = Figure(figsize=INCHES, dpi=DOTS, facecolor="white")
     FigureCanvasAgg(figure)
     if path.suffix not in (".mp4", ".gif"):
@@ -47,7 +47,7 @@ def _ffmpeg(rate: float) -> FFMpegWriter:
 
 
 def _painted(film: Film, figure: Figure) -> Iterator[int]:
-    """Paints one frame after the other, and gives its number."""
+    """Paint one frame after the other, and yield its number."""
     bodies = [body for body in film.colliders.values() if not body.is_plane]
     places = np.concatenate([shape.vertices.reshape(-1, 3) for shape in film.objects.values()])
     camera, low, high = camera_on(places), places.min(axis=0), places.max(axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records a running cloth_sim node into an MCAP bag: `cloth_sim_record BAG`, until Ctrl-C or --seconds."""
+"""Record a running cloth_sim node into an MCAP bag: `cloth_sim_record BAG`, until Ctrl-C or --seconds."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from cloth_sim_ros.ros.outputs.journal import ACTS
 from cloth_sim_ros.ros.surroundings import set_up
 from cloth_sim_ros.signals import Stop
 
-LOOK = 0.2  # [s] between looks for topics that are new
-FLUSH = 1.0  # [s] of a recording that is lost at most where the recorder is killed
+LOOK = 0.2  # [s] between searches for new topics
+FLUSH = 1.0  # [s] of a recording that are lost at most if the recorder is killed
 JOURNAL_TYPE = "std_msgs/msg/String"
 INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # takes what any sender sends
 OUTPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Recorder(Node):
-    """Writes all that a node takes from topics, its particle clouds, its wrenches and its journal, as they come."""
+    """Writes the topics that a node subscribes to, its particle clouds, wrenches and journal, as messages arrive."""
 
     def __init__(self, node: str, bag: Path):
         from rosbags.rosbag2 import StoragePlugin, Writer
@@ -51,19 +51,19 @@ class Recorder(Node):
         self.create_timer(FLUSH, self._flush)
 
     def close(self) -> None:
-        """Finishes the bag."""
+        """Finish the bag."""
         self._writer.set_custom_data(DIGEST, str(self._digest))
         self._writer.close()
 
     def _flush(self) -> None:
-        """Has on disk what has come so far, for one who kills the recorder. Raises OSError where the disk is full."""
+        """Write everything received so far to disk, in case of a kill. Raises OSError if the disk is full."""
         storage = self._writer.storage
         if storage.chunk.msgs:
             storage.close_chunk()
             storage.bio.flush()
 
     def _look(self) -> None:
-        """Subscribes to what is new. ~/journal comes last, so that its start is followed by everything."""
+        """Subscribe to new topics. ~/journal comes last, so that everything after its start is recorded."""
         node = (self._name, self._namespace or "/")
         if node not in self.get_node_names_and_namespaces():
             return
@@ -99,7 +99,7 @@ class Recorder(Node):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Records until a signal comes; returns the exit status, 1 where the bag is of no use."""
+    """Record until a signal comes; return the exit status, 1 if the bag is of no use."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path, help="folder to be made for the bag")
     parser.add_argument("--node", default="cloth_sim", help="name of the node to record")
@@ -120,7 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def record(node: str, bag: Path, seconds: float, stop: Stop) -> int:
-    """Records until `stop` is set, or for `seconds` from the journal's start on; returns the exit status."""
+    """Record until `stop` is set, or for `seconds` from the journal's start on; return the exit status."""
     recorder = Recorder(node, bag)
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)

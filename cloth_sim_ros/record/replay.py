@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Replays a bag and says frame by frame whether the same bits come out: `cloth_sim_replay BAG`."""
+"""Replay a bag and report frame by frame if the same bits come out: `cloth_sim_replay BAG`."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ SAME, NONE = "the same bits", "no cloud is in the bag"
 
 
 class Quiet:
-    """A log that keeps the last error, and no more."""
+    """A log that keeps only the last error."""
 
     def __init__(self):
         self.last = ""
 
     def info(self, sentence: str) -> None:
-        """Nothing."""
+        """Ignore the sentence."""
 
     warning = info
 
     def error(self, sentence: str) -> None:
-        """Keeps it."""
+        """Keep the sentence."""
         self.last = sentence
 
 
 class Replay:
-    """A world that does what a journal says. Raises ValueError, in one sentence, for what cannot be done again."""
+    """A world that repeats the acts of a journal. Raises ValueError in one sentence for acts that it cannot."""
 
     def __init__(self, device: str = ""):
         self.world: World | None = None
@@ -55,7 +55,7 @@ class Replay:
         self._next: int | None = None  # sequence number that comes next
 
     def follow(self, entry: dict) -> str:
-        """Does what a message of the journal says; a sentence where the bag lacks messages before it, or ""."""
+        """Repeat the acts of a message; return a sentence if the bag lacks messages before it, or ""."""
         lacks = self._next is not None and entry["sequence"] != self._next
         self._next = entry["sequence"] + 1
         try:
@@ -96,7 +96,7 @@ class Replay:
         self.world = world
 
     def close(self) -> None:
-        """Ends the world; waits for what is being compiled."""
+        """Drop the world, after its compilation has ended."""
         while self.world is not None and self.world.compiling.is_running:
             time.sleep(0.05)
         self.world = None
@@ -122,7 +122,7 @@ class Replay:
             self.frames += act == "advance"
 
     def difference(self, name: str, cloud: Any) -> str:
-        """How an object differs from its recorded cloud, or SAME."""
+        """Return how an object differs from its recorded cloud, or SAME."""
         fields = [field.name for field in cloud.fields]
         has = {what: field in fields for what, field in (("normals", "normal_x"), ("velocities", "vx"))}
         readback = Readback(self.world.sim, name, tensions="tension" in fields, **has)
@@ -139,7 +139,7 @@ class Replay:
 
 
 def compared(bag: Bag, device: str = "") -> Iterator[tuple[int, str, str]]:
-    """(frame, object, sentence) of each cloud of a bag; the object is "" for what is said of the bag.
+    """Yield (frame, object, sentence) for each cloud of a bag; the object is "" for a sentence on the bag.
 
     Frames are counted from the start of the bag, which is frame 0. Raises ValueError as Replay does.
     """
@@ -170,7 +170,7 @@ def compared(bag: Bag, device: str = "") -> Iterator[tuple[int, str, str]]:
 
 
 def _end(entry: dict, following: list[dict]) -> Stamp:
-    """The stamp at which what the journal says at `entry` is over, as far as that is known."""
+    """Return the stamp until which the journal's message `entry` holds, as far as that is known."""
     seconds, nanoseconds = entry["stamp"]
     known = bool(following) and following[0]["sequence"] == entry["sequence"] + 1
     return following[0]["stamp"] if known else (seconds, nanoseconds + 1)
@@ -184,7 +184,7 @@ class _Clouds:
         self._next = next(clouds, None)
 
     def between(self, now: Stamp, then: Stamp) -> list[Any]:
-        """Those sent from `now` on and before `then`; of those stamped `now` the last one."""
+        """Return the clouds sent from `now` on and before `then`; of several with one stamp only the last."""
         found: dict[Stamp, Any] = {}
         while self._next is not None and self._next[0] < then:
             stamp, cloud = self._next
@@ -195,7 +195,7 @@ class _Clouds:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Prints how the frames compare; the exit status is 0 if all are the same bits, else 1."""
+    """Print how the frames compare; return 0 if all have the same bits, else 1."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path, help="folder of a bag")
     parser.add_argument("--device", default="", help="where to compute; by default as the node was told")
@@ -217,7 +217,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _print(rows: Iterator[tuple[int, str, str]]) -> int:
-    """A line for frames in a row of which the same is to be said, and a sum."""
+    """Print a line for each series of frames with the same result, and a sum; return the exit status."""
     clouds = same = lost = 0
     for said, group in groupby(rows, lambda row: row[2] if row[2] == SAME else f"{row[1]}: {row[2]}".lstrip(": ")):
         group = list(group)

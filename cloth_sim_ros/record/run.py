@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The first run in a bag: from its start until the node begins anew or ends."""
+"""The first run in a bag: from its start until the node restarts or the bag ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Acts = list[tuple[Stamp, list]]  # the stamp of a frame, and what acted before, 
 
 
 def first_run(bag: Bag) -> tuple[dict, Acts]:
-    """The start of the first run, and what acted in it."""
+    """Return the start of the first run, and its acts."""
     acts: Acts = []
     for entry in bag.journal[1:]:
         if "start" in entry or "end" in entry:
@@ -23,7 +23,7 @@ def first_run(bag: Bag) -> tuple[dict, Acts]:
 
 
 def clouds_of(bag: Bag, name: str) -> list[tuple[Stamp, np.ndarray]]:
-    """Stamp and positions (N, 3) [m] of each cloud until the first run ends."""
+    """Return stamp and positions (N, 3) [m] of each cloud until the first run ends."""
     ends = [entry["stamp"] for entry in bag.journal[1:] if "start" in entry or "end" in entry]
     found = []
     for stamp, cloud in bag.clouds(name):
@@ -36,8 +36,10 @@ def clouds_of(bag: Bag, name: str) -> list[tuple[Stamp, np.ndarray]]:
 
 
 def poses_at(name: str, first: Any, acts: Acts, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (T, 3) and orientations (T, 4) of a collider or handle at `times`, by what moved it from the `first`
-    pose on."""
+    """Return positions (T, 3) and orientations (T, 4) of a collider or handle at `times`.
+
+    It moves from the pose `first` by its acts "move".
+    """
     moves = [(-np.inf, *first)]
     for stamp, done in acts:
         moves += [(seconds(stamp), *act[2:]) for act in done if act[0] == "move" and act[1] == name]
@@ -46,5 +48,5 @@ def poses_at(name: str, first: Any, acts: Acts, times: np.ndarray) -> tuple[np.n
 
 
 def seconds(stamp: Stamp) -> float:
-    """A stamp as a number [s]."""
+    """Return a stamp as a number [s]."""
     return stamp[0] + 1e-9 * stamp[1]

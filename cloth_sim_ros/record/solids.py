@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colliders as triangles, to be drawn."""
+"""Colliders as triangles, for drawing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _UNIT = {"box": box, "ball": lambda: icosphere(3, 0.5), "cylinder": lambda: cyli
 
 
 def mesh_of(collider: Collider) -> Trimesh | None:
-    """What to draw of a collider, in its axes; None where it has no triangles."""
+    """Return the triangles of a collider in its axes; None if it has none."""
     parts = [_mesh(solid) for solid in collider.solids() if solid.kind != "cells"]
     return concatenate(parts) if parts else None
 

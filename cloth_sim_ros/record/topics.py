@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of a bag and their messages. Nothing here needs ROS."""
+"""Topics of a bag and their messages, read without ROS."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ CLOUD, WRENCH = "sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/WrenchStamped"
 
 
 class _Damaged(ValueError):
-    """What we found ourselves, in our words."""
+    """Damage that we found ourselves, in our words."""
 
 
 class Topics:
-    """A bag as topics. Raises ValueError, in one sentence, for what is none or is damaged.
+    """A bag as topics. Raises ValueError in one sentence if it is no bag or is damaged.
 
-    types: topic -> the type of its messages. cut_short: whether its recorder was killed, so that only what it had
-    written by then is there.
+    types: topic -> the type of its messages. cut_short: True if its recorder was killed, so that only the messages
+    written by then are there.
     """
 
     def __init__(self, path: Path):
@@ -38,7 +38,7 @@ class Topics:
             self._check(reader)
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """The messages of a topic, in the order of the bag; none where it has no such topic."""
+        """Yield the messages of a topic, in the order of the bag; none if it has no such topic."""
         with self._read() as reader:
             # All topics are asked for, as the digest was: rosbags skips parts of a file by an index without a checksum.
             for connection, _, data in reader.messages(reader.connections) if topic in self.types else ():
@@ -46,7 +46,7 @@ class Topics:
                     yield self._known.deserialize_cdr(data, connection.msgtype)
 
     def _check(self, reader: Any) -> None:
-        """Raises ValueError where these are not the messages that were recorded."""
+        """Raise ValueError if these are not the messages that were recorded."""
         custom = reader.storage.metadata.custom or {}
         if DIGEST not in custom:
             return  # of another recorder
