@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environments for learning and planning: worlds as a `gymnasium.vector.VectorEnv`, see docs/how-to/learn.md.
 
-task: what all share; fold, hang, route: a towel to be folded, a towel to be hung over a peg, a cable to be laid around
-pegs; single: one world as a `gymnasium.Env`; plan: a planner over worlds that solves them.
+task: the common part; fold, hang, route: fold a towel, hang a towel over a peg, lay a cable around pegs; single: one
+world as a `gymnasium.Env`; plan: a planner over worlds that solves them.
 """
 
 from functools import partial

@@ -11,11 +11,11 @@ from cloth_sim_ros.learn.task import Setup, Task
 from cloth_sim_ros.sim import Cloth, Handle, Plane, Scene
 
 SIDE, PARTICLES = 0.4, 10  # [m], along an edge
-HANDS = {"left": (-0.5 * SIDE, 0.5 * SIDE), "right": (0.5 * SIDE, 0.5 * SIDE)}  # x, y [m] where they begin
-STEP = 0.025  # [m] that a hand moves in a step at most, along each axis
+HANDS = {"left": (-0.5 * SIDE, 0.5 * SIDE), "right": (0.5 * SIDE, 0.5 * SIDE)}  # first x, y [m]
+STEP = 0.025  # [m] largest move of a hand in a step, along each axis
 FRAMES = 2  # of a step
 HORIZON = 32  # steps of an episode
-FOLDED = 0.1 * SIDE  # [m] mean distance from the fold that is wanted, below which it is there
+FOLDED = 0.1 * SIDE  # [m] mean distance from the wanted fold, below which it is done
 VARY = {
     "towel.stretch_compliance": {"log_uniform": [5e-4, 5e-3]},
     "towel.bend_compliance": {"log_uniform": [5e2, 2e4]},
@@ -31,7 +31,7 @@ class FoldTowel(Task):
     """`num_envs` towels, each in a world of its own, see Task; `vary` is as for a Variation.
 
     Actions are (num_envs, 6): the left and the right hand. Observations are (num_envs, 54): both hands and a grid of 4
-    x 4 particles. The distance is the mean one of particles from the fold that is wanted.
+    x 4 particles. The distance is the mean one of particles from the wanted fold.
     """
 
     @staticmethod
@@ -54,7 +54,7 @@ class FoldTowel(Task):
 
     @cached_property
     def _wanted(self) -> np.ndarray:
-        """Where the particles (N, 3) [m] of a folded towel lie."""
+        """Positions (N, 3) [m] of the particles of a folded towel."""
         rest = self.sim.rest_positions("towel").reshape(PARTICLES, PARTICLES, 3)
         lower = np.minimum(np.arange(PARTICLES), PARTICLES - 1 - np.arange(PARTICLES))
         return rest[lower].reshape(-1, 3)

@@ -12,10 +12,10 @@ LENGTH, WIDTH, ALONG, ACROSS = 0.4, 0.2, 11, 6  # [m] of the towel, and its part
 PEG = (0.0, 0.0, 0.5)  # [m] its middle; it points along y
 FLOOR = -0.3  # [m] height at which a towel that has fallen lies
 HAND = (-0.1, 0.0, 0.5)  # [m] where it begins
-STEP = 0.05  # [m] that a hand moves in a step at most, along each axis
+STEP = 0.05  # [m] largest move of a hand in a step, along each axis
 FRAMES, HORIZON = 3, 40  # of a step; steps of an episode
 HANGS = (0.0, 0.0, 0.437)  # [m] the middle of a towel that hangs over the peg by half
-NEAR, STAYS = 0.1, 10  # [m] from there, so many steps after it was let go, it is done: else it would have fallen
+NEAR, STAYS = 0.1, 10  # done if this near [m], so many steps after it was let go: else it would have fallen
 VARY = {
     "towel.stretch_compliance": {"log_uniform": [5e-4, 5e-3]},
     "towel.bend_compliance": {"log_uniform": [5e2, 2e4]},
@@ -29,9 +29,9 @@ _HALF = np.sqrt(0.5)
 class HangTowel(Task):
     """`num_envs` towels, each in a world of its own, see Task; `vary` is as for a Variation.
 
-    Actions are (num_envs, 4): the hand, which holds the middle of the towel's upper edge, and whether it lets go.
-    Observations are (num_envs, 40): the hand, whether it holds, and 4 x 3 particles. The distance is that of the
-    towel's middle from where it is when it hangs over the peg by half.
+    Actions are (num_envs, 4): the hand, which holds the middle of the towel's upper edge, and the number that lets it
+    go. Observations are (num_envs, 40): the hand, 1 or 0 for its hold, and 4 x 3 particles. The distance is that of the
+    towel's middle from its place when it hangs over the peg by half.
     """
 
     @staticmethod

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of worlds, painted as those of the documents are."""
+"""Pictures of worlds, painted like those of the documents."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HAND = icosphere(2, 0.012)
 
 
 def pictures(sim: Simulation, hands: np.ndarray) -> tuple[np.ndarray, ...]:
-    """A picture (480, 640, 3) uint8 of each world; hands (worlds, H, 3) [m] are small balls."""
+    """Return a picture (480, 640, 3) uint8 of each world; hands (worlds, H, 3) [m] are small balls."""
     figure = Figure(figsize=INCHES, dpi=DOTS, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     rest = np.concatenate([sim.rest_positions(name) for name in sim.scene.objects])
@@ -39,7 +39,7 @@ def pictures(sim: Simulation, hands: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _solids(sim: Simulation, world: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Vertices and triangles of the colliders of a world but planes, of the size and at the pose that they have."""
+    """Return vertices and triangles of the colliders of a world, except planes, with their current sizes and poses."""
     found = []
     for name, collider in sim.scene.colliders.items():
         size = {row.name: sim.get(f"{name}.{row.name}", world) for row in collider.dimensions if row.live}
@@ -51,7 +51,7 @@ def _solids(sim: Simulation, world: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _shape(sim: Simulation, name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of an object whose particles are at `points` (N, 3)."""
+    """Return vertices and triangles of an object whose particles are at `points` (N, 3)."""
     thing = sim.scene.objects[name]
     if isinstance(thing, Rope):
         return tube_vertices(points, thing.radius), tube_faces(len(points))

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-_SHRINKS = 0.95  # the noise, in a round
+_SHRINKS = 0.95  # factor of the noise from round to round
 _GREED = 3.0
 
 
@@ -19,13 +19,20 @@ def mppi(
     guess: np.ndarray | None = None,
     seed: int = 0,
 ) -> tuple[np.ndarray, list[float]]:
-    """Actions (horizon, A) that earn much in worlds as those of `env`, and the best return of each of `rounds`.
+    """Plan a whole episode: return actions (horizon, A) with a high return, and the best return of each round.
 
-    It starts from a `guess` (horizon, A), or from no action, with noise whose deviation is `spread`, of half the range.
+    In a round every world tries the plan with its own noise, which is linear between knots and shrinks from round to
+    round. The plan then becomes the mean of all tried ones, weighted by the exponential of their returns, in units of a
+    third of the standard deviation of all returns. The varied numbers are drawn anew in every round.
 
-    In a round every world tries the plan so far with noise of its own, which is linear between `knots`; the noise
-    shrinks. The plan then becomes the mean of all that were tried, each weighed by the exponential of its return, in
-    units of a third of the deviation of all returns. What varies is drawn anew in every round.
+    Args:
+        env: Worlds, all with the same task.
+        horizon: Steps of the plan.
+        rounds: Number of rounds.
+        knots: Points of time between which actions are linear.
+        spread: Standard deviation of the first noise, over half the range of an action.
+        guess: The first plan (horizon, A); None starts from no action.
+        seed: Seed of the noise and of the varied numbers.
     """
     random, low, high = np.random.default_rng(seed), env.single_action_space.low, env.single_action_space.high
     basis, best = _hats(horizon, knots), []
@@ -46,6 +53,6 @@ def mppi(
 
 
 def _hats(horizon: int, knots: int) -> np.ndarray:
-    """(horizon, knots): linear interpolation between knots that lie evenly over the horizon."""
+    """Return weights (horizon, knots) of linear interpolation between knots that lie evenly over the horizon."""
     place = np.linspace(0.0, knots - 1.0, horizon)[:, None]
     return np.maximum(0.0, 1.0 - np.abs(place - np.arange(knots)))

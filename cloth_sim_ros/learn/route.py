@@ -13,9 +13,9 @@ from cloth_sim_ros.sim import Capsule, Handle, Plane, Rope, Scene
 LENGTH, SEGMENTS, RADIUS = 0.9, 36, 0.005  # [m], of the cable
 PEGS = {"first": (0.2, 1), "second": (0.4, -1), "third": (0.6, 1)}  # x [m], and on which side along y the cable goes
 HAND = (0.0, LENGTH, RADIUS)  # [m] where it begins; the fixed end is at the origin
-STEP = 0.06  # [m] that a hand moves in a step at most, along each axis
+STEP = 0.06  # [m] largest move of a hand in a step, along each axis
 FRAMES, HORIZON = 3, 50  # of a step; steps of an episode
-LAID = 0.05  # [m] mean distance from the route, below which it is there
+LAID = 0.05  # [m] mean distance from the route, below which it is done
 VARY = {
     "cable.stretch_compliance": {"log_uniform": [1e-5, 1e-3]},
     "cable.bend_compliance": {"log_uniform": [5e1, 1e3]},
@@ -30,8 +30,8 @@ class RouteCable(Task):
     """`num_envs` cables, each in a world of its own, see Task; `vary` is as for a Variation.
 
     Actions are (num_envs, 3): the hand at the cable's free end. Observations are (num_envs, 33): the hand and every
-    fourth particle. The distance is the mean one of particles from where they lie along the route. It is done where
-    that is small, and the cable passes the pegs one after the other, each on its side.
+    fourth particle. The distance is the mean one of particles from their places along the route. A world is done if
+    that is small and the cable passes the pegs one after the other, each on its side.
     """
 
     @staticmethod
@@ -74,7 +74,7 @@ class RouteCable(Task):
 
 
 def passes(places: np.ndarray) -> np.ndarray:
-    """Whether cables (worlds, N, 3) pass all pegs (worlds,): each once, in their order and on their side."""
+    """Return True (worlds,) for cables (worlds, N, 3) that pass each peg once, in their order and on their side."""
     found, last = np.ones(len(places), dtype=bool), np.full(len(places), -1)
     rows = np.arange(len(places))
     for x, side in PEGS.values():
@@ -91,7 +91,7 @@ def passes(places: np.ndarray) -> np.ndarray:
 
 @cache
 def route() -> np.ndarray:
-    """Where the particles (N, 3) [m] of a cable lie that is laid around the pegs, and on straight."""
+    """Return the positions (N, 3) [m] of the particles of a cable laid around the pegs, and straight after them."""
     corners = [(0.0, 0.0), *((x, side * _BESIDE) for x, side in PEGS.values()), (2.0, 0.0)]
     corners = np.column_stack([corners, np.full(len(corners), RADIUS)])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])

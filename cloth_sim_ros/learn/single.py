@@ -12,7 +12,7 @@ from cloth_sim_ros.learn.task import Task
 
 
 class Single(gymnasium.Env):
-    """The only world of `task` with its `options`, step by step the first world of many.
+    """The only world of `task` with its `options`, which steps like the first world of many.
 
     After an episode has ended, `reset` begins the next one. infos has "distance" [m] and "success" as numbers.
     """
@@ -39,7 +39,7 @@ class Single(gymnasium.Env):
         return observations[0], float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _first(infos)
 
     def render(self) -> np.ndarray | None:
-        """A picture (480, 640, 3) uint8; None without render_mode."""
+        """Return a picture (480, 640, 3) uint8; None without render_mode."""
         pictures = self._task.render()
         return None if pictures is None else pictures[0]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What all tasks share: one object in many worlds, hands that move and may let go, episodes, rewards and pictures."""
+"""Base of all tasks: one object in many worlds, hands that move and may let go, episodes, rewards and pictures."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Setup:
-    """A scene with an object called `thing` and `hands`: handle -> where it begins, x y z [m].
+    """A scene with an object called `thing` and `hands`: handle -> its first position, x y z [m].
 
-    low, high (3,): where hands may go [m]; step: how far along each axis in one step at most [m]; frames of a step;
-    horizon: steps of an episode. seen: particles that are observed; size [m], by which distances are divided in
-    rewards. lets_go: whether hands can let go, which they do once in an episode. vary: as for a Variation.
+    low, high (3,): range of the hands [m]; step: largest move along each axis in one step [m]; frames: those of a step;
+    horizon: steps of an episode. seen: particles that are observed; size [m]: divisor of distances in rewards. lets_go:
+    True if hands can let go, which they do once in an episode. vary: as for a Variation.
     """
 
     scene: Scene
@@ -42,15 +42,16 @@ class Setup:
 
 
 class Task(VectorEnv):
-    """`num_envs` worlds of the setup that a subclass makes, which also judges how far each is from what is wanted.
+    """`num_envs` worlds of a setup. A subclass makes the setup, and judges the distance of each world from its goal.
 
-    Actions (num_envs, A) in -1 to 1 move each hand along x, y, z; where hands can let go, a fourth number below -0.5
-    does so. Observations are where the hands are [m], whether they hold where they can let go, and where the particles
-    seen are [m]. The reward of a step is minus the distance over the size, and 1 more where it is done. infos has
-    "distance" [m] and "success" (num_envs,). An episode is truncated at the horizon, and terminated where a world was
-    put back. The step after that starts it anew, with other numbers of what varies; `vary` takes the place of the
-    setup's. With render_mode "rgb_array",
-    `render` paints each world (480, 640, 3).
+    Actions (num_envs, A) in -1 to 1 move each hand along x, y, z; if hands can let go, a fourth number below -0.5 does
+    so. Observations are the positions of the hands [m], 1 or 0 for their hold if they can let go, and the positions of
+    the seen particles [m]. The reward of a step is minus the distance over the size, and 1 more if the task is done.
+    infos has "distance" [m] and "success" (num_envs,).
+
+    An episode is truncated at the horizon, and terminated if a world was put back. The step after that restarts it with
+    other varied numbers. `vary` replaces the setup's. With render_mode "rgb_array", `render` paints each world (480,
+    640, 3). Raises ValueError for another render_mode.
     """
 
     metadata = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -84,18 +85,21 @@ class Task(VectorEnv):
 
     @staticmethod
     def make() -> Setup:
-        """What there is, and what hands can do."""
+        """Return the scene, and the abilities of its hands."""
         raise NotImplementedError
 
     def judge(self, places: np.ndarray, opened: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """From particles (num_envs, N, 3) [m] and for how many steps each hand has been open (num_envs, H): the
-        distance (num_envs,) [m] from what is wanted, and whether it is done (num_envs,)."""
+        """Return the distance (num_envs,) [m] of each world from its goal, and True (num_envs,) if it is done.
+
+        places (num_envs, N, 3) [m]: positions of the particles. opened (num_envs, H): steps since each hand let go, or
+        0.
+        """
         raise NotImplementedError
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """All worlds anew, with what varies drawn from a seed; without one, from that of last time."""
+        """Restart all worlds, with varied numbers drawn from `seed`; None keeps the last seed."""
         if seed is not None:
             self._variation, self._episodes[:] = Variation(self._vary, seed), 0
         self._begin(np.ones(self.num_envs, dtype=bool))
@@ -123,7 +127,7 @@ class Task(VectorEnv):
         return self._observation(places), rewards, bad, truncated & ~bad, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """A picture (480, 640, 3) uint8 of each world; None without render_mode."""
+        """Return a picture (480, 640, 3) uint8 of each world; None without render_mode."""
         if self.render_mode is None:
             return None
         from cloth_sim_ros.learn.picture import pictures  # matplotlib is slow to import
@@ -138,7 +142,7 @@ class Task(VectorEnv):
         self._open += wanted | (self._open > 0)
 
     def _move(self, goal: np.ndarray) -> np.ndarray:
-        """Hands go to `goal` (num_envs, H, 3) in a step; which worlds were put back (num_envs,)."""
+        """Move hands to `goal` (num_envs, H, 3) in a step; return True (num_envs,) for worlds that were put back."""
         bad = np.zeros(self.num_envs, dtype=bool)
         upright = np.tile(_UPRIGHT, (self.num_envs, 1))
         for frame in range(self.setup.frames):
@@ -151,7 +155,7 @@ class Task(VectorEnv):
         return bad
 
     def _begin(self, mask: np.ndarray) -> None:
-        """Another episode in the worlds of a mask."""
+        """Begin another episode in the worlds of a mask."""
         self.sim.reset(mask)
         for episode in np.unique(self._episodes[mask]):  # of each world, whenever others begin theirs
             self._variation.apply(self.sim, mask & (self._episodes == episode), int(episode))
