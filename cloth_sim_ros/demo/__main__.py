@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A demonstration: starts the node on a scene of config/, the scene's driver, where it has one, and the viewer.
+"""A demonstration: start the node on a scene of config/, the scene's driver, if it has one, and the viewer.
 
-Everything goes through the real topics; the status line is made of what arrives. Run it with `make demo SCENE=towel`.
+Everything goes through the real topics; the status line shows the messages that arrive. Run it with `make demo
+SCENE=towel`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ The driver speaks by topic and service, particles and meshes come back as standa
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the demonstration until Ctrl-C, SIGTERM or --seconds; returns the exit status."""
+    """Run the demonstration until Ctrl-C, SIGTERM or --seconds; return the exit status."""
     parser = argparse.ArgumentParser(prog="cloth_sim_demo", description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="?", default="curtain", choices=scenes(), help="a scene of config/")
     parser.add_argument("--headless", action="store_true", help="without the viewer")
@@ -61,12 +62,15 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start_node(config: Path, *arguments: str) -> subprocess.Popen:
-    """The node with the parameters of `config` and further ROS arguments, in a process of its own."""
+    """Start the node with the parameters of `config` and further ROS arguments, in a process of its own."""
     return start("cloth_sim_ros.ros", "--ros-args", "--params-file", str(config), *arguments)
 
 
 def start_viewer() -> subprocess.Popen | None:
-    """The viewer, which prints its address, in a process of its own; None and a sentence where it is not installed."""
+    """Start the viewer, which prints its address, in a process of its own.
+
+    Returns None, and prints a sentence, if viser is not installed.
+    """
     if importlib.util.find_spec("viser") is None:
         print("Nothing is shown in a browser, as viser is not installed: make extras", flush=True)
         return None
@@ -74,13 +78,16 @@ def start_viewer() -> subprocess.Popen | None:
 
 
 def start(module: str, *arguments: str) -> subprocess.Popen:
-    """A module of Python as a process. Its group is its own: Ctrl-C reaches this process alone, which then ends it."""
+    """Start a Python module as a process, with a process group of its own.
+
+    Ctrl-C therefore reaches only the calling process, which then ends the other.
+    """
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     return subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True, env=environment)
 
 
 def end(process: subprocess.Popen) -> int:
-    """Asks a process to end and returns its status; one that is busy with compiling for long is not waited for."""
+    """Ask a process to end and return its status; kill one that compiles for long."""
     process.terminate()
     try:
         return process.wait(timeout=10.0)
@@ -90,20 +97,20 @@ def end(process: subprocess.Popen) -> int:
 
 
 def scenes() -> list[str]:
-    """The names of the scenes in config/."""
+    """Return the names of the scenes in config/."""
     return sorted(file.stem for file in shared("config/curtain.yaml").parent.glob("*.yaml"))
 
 
 def objects_of(config: Path) -> list[str]:
-    """The names of the objects in a parameter file."""
+    """Return the names of the objects in a parameter file."""
     (parameters,) = yaml.safe_load(config.read_text()).values()
     return parameters["ros__parameters"]["objects"]
 
 
 def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> str:
-    """Drives and watches the node until `stop`, the node's own end, or `seconds` after the first message.
+    """Drive and watch the node until `stop`, the node's own end, or `seconds` after the first message.
 
-    Returns the scene that somebody has chosen meanwhile, "" where nobody has.
+    Returns the scene that a user has chosen meanwhile, or "".
     """
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -137,7 +144,7 @@ def watch(stop: Stop, node: subprocess.Popen, scene: str, seconds: float) -> str
 
 
 def tell_more(scene: str, thing: str) -> None:
-    """Prints what can be done next; commands of ROS where there are any."""
+    """Print what can be done next, with commands of ROS if it is installed."""
     if shutil.which("ros2"):
         print(WITH_ROS.format(view=shared(f"config/{scene}.rviz"), object=thing), end="")
     print(RUNS.format(other="towel" if scene != "towel" else "flag"), flush=True)

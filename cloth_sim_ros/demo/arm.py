@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo moves the arm of config/arm.xml, and feels the towel of config/arm.yaml in its hand."""
+"""Drive the arm of config/arm.xml by MuJoCo, with the forces of the towel of config/arm.yaml in its hand."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from cloth_sim_ros.shared_files import shared
 
 THINGS = {"hand": "handles/hand", "upper": "colliders/upper", "lower": "colliders/lower"}  # site or geom -> its topics
 LOAD = 0.2  # [kg] the towel
-DELAY = 2.0  # wrenches by which they are late: a pose waits for the next one, and a frame for its time
-LONGEST = 0.1  # [s] that MuJoCo covers at once
+DELAY = 2.0  # delay in wrenches: a pose waits for the next one, and a frame for its time
+LONGEST = 0.1  # [s] longest advance of MuJoCo at once
 SWINGS = {"turn": (0.8, 0.1), "lift": (0.2, 0.2), "nod": (0.3, 0.25), "spin": (0.5, 0.15)}  # joint -> rad, Hz
 
 
 class Driver(SceneDriver):
-    """Has MuJoCo go on by as much time as has passed, sends where the arm is, and hands wrenches over to it."""
+    """Advances MuJoCo by the time that has passed, sends the arm's poses, and passes wrenches on to it."""
 
     moves = tuple(THINGS.values())
 
@@ -34,12 +34,12 @@ class Driver(SceneDriver):
             self.create_subscription(WrenchStamped, f"{self.named}/{thing}/wrench", act, 10)
 
     def feel(self, name: str, message: WrenchStamped) -> None:
-        """Takes a wrench of the cloth."""
+        """Take a wrench of the cloth."""
         force, torque = message.wrench.force, message.wrench.torque
         self.arm.feel(name, (force.x, force.y, force.z, torque.x, torque.y, torque.z))
 
     def drive(self, t: float) -> None:
-        """Where the arm is at this moment."""
+        """Send the poses of the arm."""
         for joint, (amplitude, rate) in SWINGS.items():
             number = self.arm.model.actuator(joint).id
             self.arm.data.ctrl[number] = self._home[number] + amplitude * math.sin(2.0 * math.pi * rate * t)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The demonstration's own node: the one that watches what comes back."""
+"""The demonstration's own node, which watches the messages of the simulation."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker
 class Audience(Node):
     """Counts the messages of `objects` and prints a line for each message on /diagnostics.
 
-    Its parameter `scene` is one of `scenes`, to be set by who wants to see another one.
+    Its parameter `scene` is one of `scenes`; setting it switches to another one.
     """
 
     def __init__(self, objects: Sequence[str], scene: str = "", scenes: Sequence[str] = ()):

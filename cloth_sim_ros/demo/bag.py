@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the bag of config/bag.yaml together: two hands lower its string, pull it tight below the ball, and let go."""
+"""Draw the bag of config/bag.yaml together: two hands lower its string, pull it tight below the ball, and release
+it."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ END = LOWER + PULL + LIE + AGAIN
 
 
 def hand(name: str, t: float) -> tuple[float, float, float]:
-    """Position of a hand at time t [s]: back where it waits when it is empty."""
+    """Return the position [m] of a hand at time t [s]; it goes back to its start once it is empty."""
     t = 0.0 if t > END - 0.5 * AGAIN else t
     wait, low, tight = HANDS[name]
     begin, end, share = (wait, low, t / LOWER) if t < LOWER else (low, tight, (t - LOWER) / PULL)
@@ -30,13 +31,13 @@ def holds(t: float) -> bool:
 
 
 class Driver(SceneDriver):
-    """Moves the hands, has them let go, and begins again."""
+    """Moves the hands, releases the string, and begins again."""
 
     moves = tuple(f"handles/{name}" for name in HANDS)
     end = END
 
     def drive(self, t: float) -> None:
-        """Poses and grasps of this moment."""
+        """Send the poses and grasps."""
         for name in HANDS:
             self.move(f"handles/{name}", hand(name, t))
             self.hold(f"handles/{name}", holds(t))

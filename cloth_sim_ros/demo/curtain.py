@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives config/curtain.yaml: a ball swings through the curtain, and a breeze comes and goes.
+"""Drive config/curtain.yaml: a ball swings through the curtain, and a breeze comes and goes.
 
-The breeze ends for good where somebody sets the parameter wind.velocity, as by a slider of the viewer.
+The breeze ends for good if a user sets the parameter wind.velocity, as by a slider of the viewer.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ GUST_PERIOD = 8.0  # [s] of the breeze
 
 
 def ball_pose(t: float) -> tuple[float, float, float]:
-    """Where the ball is at time t [s]: it swings through the curtain's plane y = 0, and from side to side."""
+    """Return the ball's position [m] at time t [s]: it swings through the plane y = 0, and from side to side."""
     phase = 2.0 * math.pi * t / SWING_PERIOD
     return 0.25 * math.sin(0.3 * phase), -0.6 * math.cos(phase), 1.0
 
 
 def breeze(t: float) -> tuple[float, float, float]:
-    """The wind at time t [s], in m/s."""
+    """Return the wind [m/s] at time t [s]."""
     return 0.0, 2.0 * math.sin(2.0 * math.pi * t / GUST_PERIOD) ** 2, 0.0
 
 
@@ -31,6 +31,6 @@ class Driver(SceneDriver):
     moves = ("colliders/ball",)
 
     def drive(self, t: float) -> None:
-        """Pose and wind of this moment."""
+        """Send the ball's pose and the wind."""
         self.move("colliders/ball", ball_pose(t))
         self.blow(breeze(t))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the drivers of scenes share: an ordinary ROS node that sends poses and wind and calls services of cloth_sim.
+"""Base of the drivers of scenes: an ordinary ROS node that sends poses and wind and calls services of cloth_sim.
 
-`cloth_sim_driver SCENE` runs the driver of a scene beside a node that runs already; `--ros-args -p node:=NAME` names
-the node. `--rate HZ` says how often it sends.
+`cloth_sim_driver SCENE` runs the driver of a scene beside a running node; `--ros-args -p node:=NAME` names the node.
+`--rate HZ` sets its rate of messages.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from cloth_sim_ros.shared_files import shared
 
 RATE = 60.0  # [Hz] of poses and wind, unless told otherwise
 FASTEST = 1000.0  # [Hz]
-LONGEST = 0.1  # [s] by which a motion goes on at once: a driver that was held up goes on from where it was
-PATIENCE = 5.0  # [s] with which it waits for answers before it asks again
+LONGEST = 0.1  # [s] largest step of a motion: a driver that was held up goes on from its last pose
+PATIENCE = 5.0  # [s] to wait for answers before calling again
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 Vector = tuple[float, float, float]
@@ -43,12 +43,12 @@ Quaternion = tuple[float, float, float, float]
 
 
 class SceneDriver(Node):
-    """Drives the node that the parameter `node` names, from the moment on that it is there.
+    """Drives the node that the parameter `node` names, as soon as it is there.
 
-    With `use_sim_time` it goes by /clock: where the node sends that, motions are the same on a slow machine.
-    named: the node. A driver of a scene lies in a module of the scene's name, and implements `drive`. It says what gets
-    poses in `moves`, such as "colliders/ball" or "handles/left", and what gets numbers in `numbers`, such as
-    "grippers/hand/force" or "cable/winch". After `end` [s] all begins again.
+    With `use_sim_time` it follows /clock: if the node sends that, motions are the same on a slow machine. named: the
+    node. A driver lies in a module of its scene's name, and implements `drive`. It lists the receivers of poses in
+    `moves`, such as "colliders/ball" or "handles/left". It lists those of numbers in `numbers`, such as
+    "grippers/hand/force" or "cable/winch". After `end` [s] the motion restarts.
     """
 
     moves: ClassVar[Sequence[str]] = ()
@@ -70,32 +70,32 @@ class SceneDriver(Node):
             for hand in self.moves
             if hand.startswith("handles/")
         }
-        self._holds: dict[str, bool] = {}  # what was asked for last
+        self._holds: dict[str, bool] = {}  # last command to each hand
         self._reset = self.create_client(Trigger, f"{self.named}/reset")
         self._pause = self.create_client(SetBool, f"{self.named}/pause")
-        self._asked: float | None = None  # when it asked to begin again, until that is done
+        self._asked: float | None = None  # start of a reset, until it is done
         self._set = self.create_client(SetParameters, f"{self.named}/set_parameters")
         self.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._set_by_others: set[str] = set()
-        self._moved: float | None = None  # the time at which it moved last; none at the beginning
+        self._moved: float | None = None  # time of the last move; None at the start
         self._t = 0.0  # [s] of the motion
         self._timer = self.create_timer(1.0 / RATE, self._step)
         # By the wall, as /clock stands while the node is paused.
         self.create_timer(1.0, self._ask_again, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def go_at(self, rate: float) -> None:
-        """Has it send poses and wind `rate` times a second."""
+        """Send poses and wind `rate` times a second."""
         self._timer.timer_period_ns = round(1e9 / rate)
 
     def drive(self, t: float) -> None:
-        """Says what is to happen at `t` [s] since the beginning; called at the rate of `go_at`.
+        """Send the commands for `t` [s] since the start; called at the rate of `go_at`.
 
         `t` grows by at most LONGEST at once, so that no pose jumps on a machine that is busy with other things.
         """
         raise NotImplementedError
 
     def move(self, thing: str, position: Vector, orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)) -> None:
-        """Sends a pose [m]."""
+        """Send a pose [m]."""
         message = PoseStamped()
         self._stamp(message)
         p, q = message.pose.position, message.pose.orientation
@@ -104,17 +104,17 @@ class SceneDriver(Node):
         self._poses[thing].publish(message)
 
     def tell(self, what: str, number: float) -> None:
-        """Sends a gripper an opening [m] or a force [N], or a winch its rate [m/s]."""
+        """Send a gripper an opening [m] or a force [N], or a winch its rate [m/s]."""
         self._numbers[what].publish(Float64(data=number))
 
     def hold(self, hand: str, on: bool) -> None:
-        """Has a hand grasp what is within its reach, or let go, where it does not; at first it holds."""
+        """Let a hand grasp or let go, if that is a change; at first it holds."""
         if self._holds.get(hand, True) != on:
             self._holds[hand] = on
             self._attach[hand].call_async(SetBool.Request(data=on))
 
     def blow(self, velocity: Vector) -> None:
-        """Sends a wind [m/s], unless somebody has set the parameter wind.velocity, as by a slider of the viewer."""
+        """Send a wind [m/s], unless a user has set the parameter wind.velocity, as by a slider of the viewer."""
         if "wind.velocity" not in self._set_by_others:
             message = Vector3Stamped()
             self._stamp(message)
@@ -122,14 +122,14 @@ class SceneDriver(Node):
             self._wind.publish(message)
 
     def set(self, name: str, value: float) -> None:
-        """Sets a parameter."""
+        """Set a parameter."""
         self._set.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
 
     def begin_again(self) -> None:
-        """Puts all objects back to their start; `drive` begins at 0 again.
+        """Reset all objects to their start; `drive` begins at 0 again.
 
-        Hands grasp anew, and have to be at their start with nothing in them. The node is paused meanwhile, so that
-        nothing has fallen from them.
+        Hands grasp anew. They must be empty and at their start. The node is paused meanwhile, so that nothing falls
+        from them.
         """
         self._moved, self._asked = None, time.monotonic()
         self._holds = dict.fromkeys(self._holds, True)
@@ -138,7 +138,7 @@ class SceneDriver(Node):
         self._call_in_turn([stop, (self._reset, Trigger.Request()), *grasps, go_on])
 
     def _call_in_turn(self, calls: Sequence[tuple[Client, Any]]) -> None:
-        """Calls services, each when the one before has answered."""
+        """Call services, each when the one before has answered."""
         if not calls:
             self._asked = None
             return
@@ -174,18 +174,18 @@ class SceneDriver(Node):
 
 
 def has_driver(scene: str) -> bool:
-    """Whether a scene of config/ has a driver: a module of its name beside this one."""
+    """Return True if a scene of config/ has a driver: a module of its name beside this one."""
     known = scene.isidentifier() and shared(f"config/{scene}.yaml").is_file()
     return known and importlib.util.find_spec(f"cloth_sim_ros.demo.{scene}") is not None
 
 
 def driver_of(scene: str) -> SceneDriver:
-    """The driver of a scene that has one. Raises ImportError, with what to install, where something is missing."""
+    """Return the driver of a scene that has one. Raises ImportError, with what to install, if a package is missing."""
     return importlib.import_module(f"cloth_sim_ros.demo.{scene}").Driver()
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Drives a scene until a signal comes; returns the exit status."""
+    """Drive a scene until a signal comes; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", help="a scene of config/")
     parser.add_argument("--rate", type=_rate, default=RATE, help="[Hz] of what it sends")
@@ -214,7 +214,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _rate(text: str) -> float:
-    """A rate [Hz]. Raises ArgumentTypeError where `text` is none."""
+    """Return a rate [Hz]. Raises ArgumentTypeError if `text` is none."""
     try:
         rate = float(text)
     except ValueError:

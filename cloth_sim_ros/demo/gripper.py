@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pinches the napkin of config/gripper.yaml, carries it aside, and drops it, as a robot's driver would."""
+"""Pinch the napkin of config/gripper.yaml, carry it aside, and drop it, as a robot's driver would."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ END = CLOSE + CARRY + HOLD + DROP
 
 
 def place(t: float) -> Vector:
-    """Where the gripper is at time t [s]."""
+    """Return the gripper's position [m] at time t [s]."""
     share = min(max((t - CLOSE) / CARRY, 0.0), 1.0)
     return (ASIDE * 0.5 * (1.0 - math.cos(math.pi * share)), START[1], START[2])
 
 
 def force(t: float) -> float:
-    """With how much its fingers press at time t [s]."""
+    """Return the force [N] of its fingers at time t [s]."""
     return FIRM if t < CLOSE + CARRY + HOLD else WEAK
 
 
 class Driver(SceneDriver):
-    """Moves the gripper, sets its force, has the peg let go, and begins again with open fingers."""
+    """Moves the gripper, sets its force, releases the peg's grasp, and begins again with open fingers."""
 
     moves = ("grippers/hand", "handles/peg")
     numbers = tuple(f"grippers/hand/{what}" for what in ("force", "opening"))
     end = END + 1.0
 
     def drive(self, t: float) -> None:
-        """Pose and force of this moment."""
+        """Send the poses, and the force or the opening."""
         self.move("handles/peg", PEG)
         self.hold("handles/peg", t < CLOSE - 0.2)
         if t < END:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lays the cable of config/harness.yaml around its pegs: a hand leads the free end between them."""
+"""Lay the cable of config/harness.yaml around its pegs: a hand leads the free end between them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ END = WAIT + sum(map(math.dist, WAY, WAY[1:])) / PACE + STAY + AGAIN
 
 
 def hand(t: float) -> tuple[float, float, float]:
-    """Where the hand is at time t [s]: on its way along the corners of WAY, and back when it is empty."""
+    """Return the hand's position [m] at time t [s]: along the corners of WAY, and back once it is empty."""
     left = 0.0 if t > END - 0.5 * AGAIN else max(t - WAIT, 0.0) * PACE
     for a, b in zip(WAY, WAY[1:], strict=False):
         length = math.dist(a, b)
@@ -29,17 +29,17 @@ def hand(t: float) -> tuple[float, float, float]:
 
 
 def holds(t: float) -> bool:
-    """Whether the hand holds the cable at time t [s]."""
+    """Return True if the hand holds the cable at time t [s]."""
     return t < END - AGAIN
 
 
 class Driver(SceneDriver):
-    """Moves the hand, has it let go at the end, and begins again."""
+    """Moves the hand, releases the cable at the end, and begins again."""
 
     moves = ("handles/hand",)
     end = END
 
     def drive(self, t: float) -> None:
-        """Pose and grasp of this moment."""
+        """Send pose and grasp."""
         self.move("handles/hand", hand(t))
         self.hold("handles/hand", holds(t))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Turns a clamp of config/hose.yaml by the parameter hose.end_turn: several turns on, and back."""
+"""Turn a clamp of config/hose.yaml by the parameter hose.end_turn: several turns on, and back."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ EVERY = 3  # of the driver's steps one sets the parameter
 
 
 def turn(t: float) -> float:
-    """By how much the clamp is turned at time t [s], in radians."""
+    """Return the turn of the clamp [rad] at time t [s]."""
     return math.pi * TURNS * (1.0 - math.cos(2.0 * math.pi * t / PERIOD))
 
 
@@ -24,7 +24,7 @@ class Driver(SceneDriver):
         self._steps = 0
 
     def drive(self, t: float) -> None:
-        """The turn of this moment."""
+        """Set the turn in one of EVERY steps."""
         self._steps += 1
         if self._steps % EVERY == 0:
             self.set("hose.end_turn", turn(t))

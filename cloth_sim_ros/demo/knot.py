@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pulls the knot of config/knot.yaml tight by two hands that go apart, and begins again."""
+"""Pull the knot of config/knot.yaml tight by two hands that move apart, and begin again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ END = WAIT + PULL + STAY + AGAIN
 
 
 def hand(name: str, t: float) -> tuple[float, ...]:
-    """Where a hand is at time t [s]: further out on the line through both, and back when it is empty."""
+    """Return the position [m] of a hand at time t [s]: outward on the line through both, and back once it is empty."""
     t = 0.0 if t > END - 0.5 * AGAIN else t
     share = min(max((t - WAIT) / PULL, 0.0), 1.0)
     here, other = HANDS[name], HANDS["right" if name == "left" else "left"]
@@ -22,18 +22,18 @@ def hand(name: str, t: float) -> tuple[float, ...]:
 
 
 def holds(t: float) -> bool:
-    """Whether the hands hold the rope at time t [s]."""
+    """Return True if the hands hold the rope at time t [s]."""
     return t < END - AGAIN
 
 
 class Driver(SceneDriver):
-    """Moves both hands, has them let go, and begins again."""
+    """Moves both hands, releases the rope, and begins again."""
 
     moves = tuple(f"handles/{name}" for name in HANDS)
     end = END
 
     def drive(self, t: float) -> None:
-        """Poses and grasps of this moment."""
+        """Send the poses and grasps."""
         for name in HANDS:
             self.move(f"handles/{name}", hand(name, t))
             self.hold(f"handles/{name}", holds(t))

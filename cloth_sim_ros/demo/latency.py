@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How old particles and meshes are when they arrive in another process, and whether any is lost.
+"""Measure how old particles and meshes are when they arrive in another process, and how many are lost.
 
-Starts the node, subscribes to everything it sends, without decoding, and counts: `python -m cloth_sim_ros.demo.latency
---config FILE --seconds 60`. What the node says of itself on /diagnostics tells how many frames there were. The first
-message is late where kernels have to be compiled before it.
+`python -m cloth_sim_ros.demo.latency --config FILE --seconds 60` starts the node, subscribes to all its topics, without
+decoding, and counts. The node's messages on /diagnostics tell how many frames there were. The first message is late if
+kernels have to be compiled before it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ SETTLING = 2.0  # [s] after the first message, which are not counted
 
 @dataclass(frozen=True)
 class Told:
-    """One message on /diagnostics: its stamp [s] and the frames since the one before. Medians of a frame [ms]: the time
-    spent on it and the time waited for the device. Simulated per real time."""
+    """One message on /diagnostics: its stamp [s] and the frames since the one before.
+
+    ms_per_frame, ms_waiting: medians [ms] of the time spent on a frame and of the time waited for the device.
+    real_time_factor: simulated per real time.
+    """
 
     stamp: float
     frames: int
@@ -39,7 +42,7 @@ class Told:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measures for --seconds and prints a line a topic; the exit status is 1 if nothing came."""
+    """Measure for --seconds and print a line for each topic; return 1 if nothing came."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
     parser.add_argument("--seconds", type=duration, default=60.0, help="how long to count")
@@ -54,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def listen(node: subprocess.Popen, seconds: float) -> int:
-    """Finds the node's topics, counts, and prints."""
+    """Find the node's topics, count their messages, and print; return the exit status."""
     import rclpy
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.executors import SingleThreadedExecutor
@@ -113,8 +116,10 @@ def listen(node: subprocess.Popen, seconds: float) -> int:
 
 
 def table(arrived: dict[str, list[tuple[float, float]]], told: list[Told]) -> str:
-    """A line a topic: messages of the frames between the first and the last of `told`, how many of them lack, how old
-    they were. arrived: topic -> (stamp, arrival) [s]."""
+    """Return a line for each topic: its messages between the first and the last of `told`, lost ones, and ages.
+
+    arrived: topic -> (stamp, arrival) [s].
+    """
     first, last = told[0], told[-1]
     longest = max(map(len, arrived))
     keys = ("ms_per_frame", "ms_waiting", "real_time_factor")

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node that nobody listens to costs beside the simulation alone: `python -m cloth_sim_ros.demo.node_cost`.
+"""Compare the cost of a node without listeners with the simulation alone: `python -m cloth_sim_ros.demo.node_cost`.
 
 Two processes run the same scene side by side, both at the pace of the scene: the node, and `Simulation.step` in a plain
-loop. Linux says how much processor time each thread had. So a busy machine changes little, and nobody has to ask the
-node, which would make it work more.
+loop. Linux tells the processor time of each thread. So a busy machine changes little, and no query makes the node work
+more.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WARM = 5.0  # [s] both run before they count
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measures --rounds windows of --seconds and prints the ratio with its spread."""
+    """Measure --rounds windows of --seconds and print the ratio with its spread; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, default=shared("config/curtain.yaml"), help="parameter file of the node")
     parser.add_argument("--seconds", type=duration, default=4.0, help="length of a window")
@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def run_alone(config: Path) -> int:
-    """Steps the scene of `config` at its own pace, as a node does, and does nothing else."""
+    """Step the scene of `config` at its own pace, as a node does, and do nothing else."""
     from cloth_sim_ros.ros.time.frame_clock import FrameClock
     from cloth_sim_ros.sim import Simulation
     from cloth_sim_ros.study.scene_file import read_plan
@@ -64,13 +64,13 @@ def run_alone(config: Path) -> int:
 
 
 def thread_times(process: int) -> dict[str, float]:
-    """Thread -> its processor time so far [s]."""
+    """Return thread -> its processor time so far [s]."""
     files = Path(f"/proc/{process}/task").glob("*/schedstat")
     return {file.parent.name: 1e-9 * int(file.read_text().split()[0]) for file in files}
 
 
 def wait_until_steady(look: Callable[[], tuple[dict[str, float], ...]]) -> None:
-    """Waits until neither process takes more than half of a core, as one that compiles does, for WARM seconds."""
+    """Wait until no process takes more than half of a core, as one that compiles does, for WARM seconds."""
     calm = time.monotonic()
     before = look()
     while time.monotonic() < calm + WARM:
@@ -82,7 +82,10 @@ def wait_until_steady(look: Callable[[], tuple[dict[str, float], ...]]) -> None:
 
 
 def measured(node: int, alone: int, seconds: float, rounds: int) -> np.ndarray:
-    """(rounds, 3) processor seconds in a window: the node's thread that simulates, all of the node, the loop alone."""
+    """Return the processor seconds (rounds, 3) in each window.
+
+    The columns are the node's thread that simulates, the whole node, and the loop alone.
+    """
     rows = []
     for _ in range(rounds):
         before = thread_times(node), thread_times(alone)
@@ -97,7 +100,7 @@ def measured(node: int, alone: int, seconds: float, rounds: int) -> np.ndarray:
 
 
 def table(rows: np.ndarray) -> str:
-    """Ratios to the loop alone, with quartiles."""
+    """Return the ratios to the loop alone, with quartiles."""
     lines = [f"Simulation.step in a loop takes {1e3 * np.median(rows[:, 2]):.0f} ms of a core in a window"]
     for words, column in (("the node's thread that simulates", 0), ("the whole node, middleware included", 1)):
         low, middle, high = np.percentile(rows[:, column] / rows[:, 2], (25, 50, 75))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Holds the load of config/rope_swing.yaml aside, lets it swing, and begins again."""
+"""Hold the load of config/rope_swing.yaml aside, let it swing, and begin again."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ WAIT, SWING = 1.0, 20.0  # [s] before it lets go, and until it begins again
 
 
 def holds(t: float) -> bool:
-    """Whether the hand holds the load at time t [s]."""
+    """Return True if the hand holds the load at time t [s]."""
     return t < WAIT
 
 
@@ -21,6 +21,6 @@ class Driver(SceneDriver):
     end = WAIT + SWING
 
     def drive(self, t: float) -> None:
-        """The hand stays where it is."""
+        """Send the hand's pose, which stays, and its grasp."""
         self.move("handles/hand", HAND)
         self.hold("handles/hand", holds(t))

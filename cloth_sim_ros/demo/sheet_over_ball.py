@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Moves the ball of config/sheet_over_ball.yaml: it waits for the sheet to fall, then goes round and bobs below it."""
+"""Move the ball of config/sheet_over_ball.yaml: it waits for the sheet to fall, then circles and bobs below it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BOB = 0.05  # [m] up and down, twice a round
 
 
 def ball(t: float) -> tuple[float, float, float]:
-    """Where the ball is at time t [s]. It starts gently, from a circle of radius 0."""
+    """Return the ball's position [m] at time t [s]. It starts gently, from a circle of radius 0."""
     after = max(t - FALL, 0.0)
     growth = 1.0 - math.exp(-after)
     angle = 2.0 * math.pi * after / PERIOD
@@ -24,11 +24,11 @@ def ball(t: float) -> tuple[float, float, float]:
 
 
 class Driver(SceneDriver):
-    """Moves the ball, and begins again where the sheet was."""
+    """Moves the ball, and resets the scene after END."""
 
     moves = ("colliders/ball",)
     end = END
 
     def drive(self, t: float) -> None:
-        """The ball's pose of this moment."""
+        """Send the ball's pose."""
         self.move("colliders/ball", ball(t))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pulls the cloth of config/tablecloth.yaml from its table: two hands grasp its corners, pull, and let it fall."""
+"""Pull the cloth of config/tablecloth.yaml from its table: two hands grasp its corners, pull, and let it fall."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FAR, DOWN = 1.3, 0.1  # [m] by how much the hands go away from the table, and do
 
 
 def hand(t: float) -> tuple[float, float]:
-    """x and z [m] of both hands at time t [s]: they wait, pull, and go back when they are empty."""
+    """Return x and z [m] of both hands at time t [s]: they wait, pull, and go back once they are empty."""
     t = 0.0 if t > END - 0.5 * LIE else t
     share = min(max((t - DRAPE) / PULL, 0.0), 1.0)
     along = share * share * (3.0 - 2.0 * share)
@@ -21,18 +21,18 @@ def hand(t: float) -> tuple[float, float]:
 
 
 def holds(t: float) -> bool:
-    """Whether the hands hold the cloth at time t [s]."""
+    """Return True if the hands hold the cloth at time t [s]."""
     return t < DRAPE + PULL
 
 
 class Driver(SceneDriver):
-    """Moves the hands, has them let go at the end, and begins again."""
+    """Moves the hands, releases the cloth at the end, and begins again."""
 
     moves = tuple(f"handles/{name}" for name in HANDS)
     end = END
 
     def drive(self, t: float) -> None:
-        """Poses and grasps of this moment."""
+        """Send the poses and grasps."""
         for name, y in HANDS.items():
             x, z = hand(t)
             self.move(f"handles/{name}", (x, y, z))

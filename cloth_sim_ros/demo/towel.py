@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Folds the towel of config/towel.yaml in half, as a robot's driver would: poses and services of two hands."""
+"""Fold the towel of config/towel.yaml in half, as a robot's driver would, by poses and services of two hands."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ END = WAIT + FOLD + LIE + AGAIN
 
 
 def hand(t: float) -> tuple[float, float]:
-    """y and z [m] of both hands at time t [s]: half a circle over the towel, and back when they are empty."""
+    """Return y and z [m] of both hands at time t [s]: half a circle over the towel, and back once they are empty."""
     t = 0.0 if t > END - 0.5 * AGAIN else t
     share = min(max((t - WAIT) / FOLD, 0.0), 1.0)
     angle = math.pi * 0.5 * (1.0 - math.cos(math.pi * share))
@@ -22,18 +22,18 @@ def hand(t: float) -> tuple[float, float]:
 
 
 def holds(t: float) -> bool:
-    """Whether the hands hold the towel at time t [s]."""
+    """Return True if the hands hold the towel at time t [s]."""
     return t < WAIT + FOLD + LIE
 
 
 class Driver(SceneDriver):
-    """Moves the hands, has them let go when the towel is folded, and begins again."""
+    """Moves the hands, releases the folded towel, and begins again."""
 
     moves = tuple(f"handles/{name}" for name in HANDS)
     end = END
 
     def drive(self, t: float) -> None:
-        """Poses and grasps of this moment."""
+        """Send the poses and grasps."""
         for name, x in HANDS.items():
             self.move(f"handles/{name}", (x, *hand(t)))
             self.hold(f"handles/{name}", holds(t))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lowers the load of config/winch.yaml and hauls it up again."""
+"""Lower the load of config/winch.yaml and haul it up again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ RATE, MOVE, REST = 0.4, 4.0, 2.0  # [m/s]; [s] of each way, and of the rest afte
 
 
 def rate(t: float) -> float:
-    """The rate of the winch at time t [s], in m/s: out, rest, in, rest."""
+    """Return the rate of the winch [m/s] at time t [s]: out, rest, in, rest."""
     along = t % (2.0 * (MOVE + REST))
     if along % (MOVE + REST) >= MOVE:
         return 0.0
@@ -22,5 +22,5 @@ class Driver(SceneDriver):
     numbers = ("cable/winch",)
 
     def drive(self, t: float) -> None:
-        """The rate of this moment."""
+        """Send the rate."""
         self.tell("cable/winch", rate(t))
