@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cloth and ropes together with another simulator, which moves what holds them and feels their forces."""
+"""Cloth and ropes coupled with another simulator, which moves their supports and feels their forces."""

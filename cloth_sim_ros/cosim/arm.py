@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's side of a coupling: it moves what holds and touches cloth, and feels the cloth's wrenches.
+"""MuJoCo's side of a coupling: it moves handles and colliders of cloth, and feels the cloth's wrenches.
 
-Both simulators take turns, so a wrench acts later than the motion that it answers. That is harmless for a light load.
-A heavy one would be thrown to and fro, further each time (the added mass effect; Causin, Gerbeau and Nobile 2005). So
-the wrench that acts goes only a part of the way to the one that came: that of a step of Newton's method, I / (I + r c).
-There r is the mass of the load over the inertia that MuJoCo has at that place. And c is the number of frames in which
-the load answers: one, those of a delay, and those in which its bounce dies down. By the theorem of small gains this
-is stable, if each is as long as in truth or longer. At its resonance, of angular frequency w, a load of quality Q
-answers with Q times its mass. Steps of h seconds lessen such a swing by c w h, where c h = Q / w is the time in which
-it dies down. The momentum that a wrench owes, as it acts late, is paid back.
+Both simulators take turns, so a wrench acts later than the motion that it answers. That is harmless for a light load. A
+heavy one would be thrown to and fro, further each time (the added mass effect; Causin, Gerbeau and Nobile 2005). So the
+acting wrench moves only a part of the way to the felt one: that of a step of Newton's method, I / (I + r c). There r is
+the mass of the load over the inertia that MuJoCo has at that place. And c is the number of frames in which the load
+answers: one, those of a delay, and those in which its bounce dies down. By the small-gain theorem this is stable if
+each is as long as in truth or longer. At its resonance, of angular frequency w, a load of quality Q answers with Q
+times its mass. Steps of h seconds lessen such a swing by c w h, where c h = Q / w is the time in which it dies down.
+The momentum that a wrench owes, as it acts late, is paid back.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ try:
 except ImportError:
     raise ImportError("MuJoCo is missing; make extras, or pip install 'mujoco>=3.2,<4', adds it") from None
 
-ROUNDING = 1e-9  # by which a number of steps may be above a whole one
-CRITICAL = 4.0  # periods of smoothing in which owed momentum is paid back: the fastest that does not swing
+ROUNDING = 1e-9  # excess of a number of steps over a whole one that is rounding
+CRITICAL = 4.0  # periods of smoothing in which owed momentum is paid back: critically damped
 FORGOTTEN = 1.0  # [s] after which a wrench acts no more, if none has followed
 
 Pose = tuple[tuple[float, ...], tuple[float, ...]]  # position [m], orientation x y z w
@@ -38,9 +38,9 @@ class Arm:
 
     It sets data.xfrc_applied of their bodies.
 
-    load [kg]: the mass of what hangs on each of them. ringing [s]: in which the load's bounce sinks to 1/e at least.
-    delay: number of wrenches by which they are late, beyond the one that taking turns costs. More than is true is
-    stable too, and makes wrenches later. Raises ValueError for a name that neither a site nor a geom has, and for
+    load [kg]: mass that hangs on each of them. ringing [s]: time within which the load's bounce sinks to 1/e. delay:
+    number of wrenches by which they are late, beyond the one that taking turns costs. Values above the true ones are
+    stable too, and make wrenches later. Raises ValueError for a name that neither a site nor a geom has, and for
     numbers below 0.
     """
 
@@ -62,7 +62,7 @@ class Arm:
         mujoco.mj_forward(model, data)
 
     def advance(self, seconds: float) -> None:
-        """Moves on, in equal steps of at most MuJoCo's timestep, while the wrenches stay."""
+        """Advance MuJoCo by equal steps of at most its timestep, with constant wrenches."""
         longest = self.model.opt.timestep
         count = math.ceil(seconds / longest * (1.0 - ROUNDING))
         if count == 0:
@@ -77,13 +77,13 @@ class Arm:
         mujoco.mj_forward(self.model, self.data)  # places belong to the end of the last step
 
     def poses(self) -> dict[str, Pose]:
-        """Where handles and colliders are now."""
+        """Return the current poses of handles and colliders."""
         return {name: part.pose() for name, part in self._parts.items()}
 
     def feel(self, name: str, wrench: Any) -> None:
-        """Takes a wrench of the last frame: force [N], torque [N m] about the origin, in world axes.
+        """Take a wrench of the last frame: force [N], torque [N m] about the origin, in world axes.
 
-        Raises ValueError where it is not finite.
+        Raises ValueError if it is not finite.
         """
         part, felt = self._parts[name], np.asarray(wrench, dtype=float)
         if not np.isfinite(felt).all():
@@ -92,7 +92,8 @@ class Arm:
             part.feel(felt, self._load * (1.0 + self._delay + self._ringing / part.waited))
 
     def wrench(self, name: str) -> np.ndarray:
-        """The wrench (6,) that acts in MuJoCo: force [N], torque [N m] about the origin of the handle or collider."""
+        """Return the wrench (6,) that acts in MuJoCo: force [N], torque [N m] about the handle's or collider's
+        origin."""
         return self._parts[name].wrench.copy()
 
 
@@ -101,7 +102,7 @@ class _Part:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, name: str):
         self._model, self._data, self.wrench = model, data, np.zeros(6)
-        self._owed = np.zeros(6)  # momentum [N s] and angular momentum of what was felt, and has not acted yet
+        self._owed = np.zeros(6)  # momentum [N s] and angular momentum of wrenches felt that have not acted yet
         self.waited = 0.0  # seconds since it felt a wrench
         for kind, bodies, places in (
             (mujoco.mjtObj.mjOBJ_SITE, model.site_bodyid, (data.site_xpos, data.site_xmat)),
@@ -116,26 +117,26 @@ class _Part:
         raise ValueError(f"MuJoCo's model has neither a site nor a geom {name!r}; allowed is the name of one")
 
     def pose(self) -> Pose:
-        """Where it is."""
+        """Return the current pose."""
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, self._axes)
         w, *xyz = turn.tolist()
         return tuple(self._position.tolist()), (*xyz, w)
 
     def push(self) -> None:
-        """Adds the wrench to what acts on the body, about its centre of mass."""
+        """Add the wrench to those on the body, about its centre of mass."""
         force, torque = self.wrench[:3], self.wrench[3:]
         lever = self._position - self._data.xipos[self.body]
         self._data.xfrc_applied[self.body] += np.concatenate([force, torque + np.cross(lever, force)])
 
     def wait(self, seconds: float) -> None:
-        """Time goes on without a wrench; after FORGOTTEN none acts."""
+        """Let time pass without a new wrench; after FORGOTTEN none acts."""
         self.waited += seconds
         if self.waited > FORGOTTEN:
             self.wrench[:] = self._owed[:] = 0.0
 
     def feel(self, felt: np.ndarray, mass: float) -> None:
-        """Goes towards the wrench `felt`, as far as a load of `mass` [kg] where its force acts allows."""
+        """Move towards the wrench `felt`, as far as a load of `mass` [kg] at its line of action allows."""
         force, torque = felt[:3], felt[3:]
         at = np.cross(force, torque) / max(force @ force, np.finfo(float).tiny)
         at *= min(1.0, self._size / max(np.linalg.norm(at), np.finfo(float).tiny))
@@ -152,12 +153,12 @@ class _Part:
 
 
 def _cross(v: np.ndarray) -> np.ndarray:
-    """The matrix whose product with a vector is the cross product of `v` and it."""
+    """Return the matrix whose product with a vector is the cross product of `v` with it."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def step(sim: Simulation, arm: Arm, frames: int = 1) -> None:
-    """Simulates both for some frames: MuJoCo first, then the cloth, whose wrenches act in the frame after."""
+    """Simulate both for some frames: MuJoCo first, then the cloth, whose wrenches act in the frame after."""
     for _ in range(frames):
         arm.advance(sim.settings.frame_dt)
         poses = arm.poses()
