@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shapes and views that pictures, films and the viewer draw."""
+"""Shapes and views for pictures, films and the viewer."""

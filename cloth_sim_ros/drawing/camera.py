@@ -15,8 +15,7 @@ LAMP = np.array([-0.45, -0.75, 0.95])  # direction towards the lamp
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles (T, 3) of points (N, 3) [m]; `front` is seen where they turn counter-clockwise, `back` else;
-    colours."""
+    """Triangles (T, 3) of points (N, 3) [m], with the colour `front` where they turn counter-clockwise, else `back`."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -27,13 +26,13 @@ class Surface:
 
 @dataclass(frozen=True)
 class Camera:
-    """Looks from `eye` at `target` [m], z up."""
+    """A camera that looks from `eye` at `target` [m], z up."""
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 
     def see(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (..., 3) in the image plane at distance 1, (..., 2), and their distances along the view (...)."""
+        """Return points (..., 3) in the image plane at distance 1, (..., 2), and their depths along the view (...)."""
         forward = np.subtract(self.target, self.eye)
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, (0.0, 0.0, 1.0))
@@ -43,7 +42,7 @@ class Camera:
 
 
 def paint(axes: Axes, camera: Camera, surfaces: list[Surface], floor: float, shade: str) -> None:
-    """Draw `surfaces` and their shadow of colour `shade` on the plane z = floor [m]; the farthest triangle first."""
+    """Draw `surfaces` and their shadow of colour `shade` on the plane z = floor [m], the farthest triangles first."""
     lamp = LAMP / np.linalg.norm(LAMP)
     shadows, corners, colours = [], [], []
     for surface in surfaces:
@@ -62,7 +61,8 @@ def paint(axes: Axes, camera: Camera, surfaces: list[Surface], floor: float, sha
 
 
 def _lit(surface: Surface, camera: Camera, lamp: np.ndarray) -> np.ndarray:
-    """Colours (T, 3): ambient, Lambert's cosine and a highlight (Blinn 1977), normals averaged over neighbours."""
+    """Return colours (T, 3): ambient, Lambert's cosine and a highlight (Blinn 1977), with normals of neighbours
+    averaged."""
     a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
     normal = _unit(np.cross(b - a, c - a))
     at_points = np.zeros_like(surface.points)
@@ -84,7 +84,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def ball(centre: np.ndarray, radius: float, rings: int = 48) -> tuple[np.ndarray, np.ndarray]:
-    """Points and triangles of a sphere with its normals outward."""
+    """Return points and triangles of a sphere with its normals outward."""
     polar, around = np.meshgrid(np.linspace(0.0, np.pi, rings), np.linspace(0.0, 2.0 * np.pi, 2 * rings), indexing="ij")
     points = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
     index = np.arange(polar.size).reshape(polar.shape)

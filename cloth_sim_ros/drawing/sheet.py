@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A cloth as a shell with two sides, checked in front, and a rope of two strands: which faces have which tone."""
+"""A cloth as a shell with two sides, checked in front, and the tones of a rope's two strands."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from scipy.sparse import csr_matrix
 from cloth_sim_ros.drawing.tube import SIDES
 from cloth_sim_ros.sim.input.mesh_repair import areas_of
 
-CHECKS = 9  # along the longer edge of a cloth, about
-_FLAT = 1e-3  # of its size, a cloth's rest shape may be out of a plane to count as flat
+CHECKS = 9  # approximate number along the longer edge of a cloth
+_FLAT = 1e-3  # largest deviation of a flat cloth's rest shape from a plane, over its size
 
 
 class Shell:
@@ -29,7 +29,7 @@ class Shell:
         self.hem = np.concatenate([np.stack([b, a, a + count], axis=1), np.stack([b, a + count, b + count], axis=1)])
 
     def vertices(self, positions: np.ndarray) -> np.ndarray:
-        """Vertices (2 N, 3) [m], front and back, for particles at `positions` (N, 3) [m]."""
+        """Return vertices (2 N, 3) [m], front and back, for particles at `positions` (N, 3) [m]."""
         a, b, c = (positions[self._triangles[:, k]] for k in range(3))
         normals = self._gather @ np.cross(b - a, c - a)
         normals *= self._half / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-20)
@@ -37,7 +37,7 @@ class Shell:
 
 
 def checks(rest: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Whether each of `triangles` (T, 3) lies in a dark check, by the vertices at rest (N, 3) [m].
+    """Return True for each of `triangles` (T, 3) in a dark check, by the vertices at rest (N, 3) [m].
 
     A flat cloth has checks of whole cells of its grid. Another one has stripes along z.
     """
@@ -60,6 +60,6 @@ def checks(rest: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def strands(faces: np.ndarray, count: int) -> np.ndarray:
-    """Whether each of the `faces` of a tube around `count` points lies in the dark one of its two strands."""
+    """Return True for each of the `faces` of a tube around `count` points that lies in the dark one of two strands."""
     ring, side = np.divmod(np.minimum(faces[:, 0], count * SIDES - 1), SIDES)
     return (ring + side) % SIDES < SIDES // 2

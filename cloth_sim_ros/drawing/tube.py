@@ -12,7 +12,7 @@ _SHORTEST = 1e-9  # [m] below this two particles lie at one place, as on a winch
 
 
 def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
-    """Vertices (N * SIDES + 2, 3) [m] of a tube of `radius` [m] around `points` (N, 3) [m]; the last two close it."""
+    """Return vertices (N * SIDES + 2, 3) [m] of a tube around `points` (N, 3) [m]; the last two close it."""
     tangents = _tangents(points)
     turns = _scan(_between(tangents[:-1], tangents[1:]))
     first = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
@@ -28,7 +28,7 @@ def tube_vertices(points: np.ndarray, radius: float) -> np.ndarray:
 
 
 def tube_faces(count: int) -> np.ndarray:
-    """Triangles (T, 3) of the tube around `count` points."""
+    """Return triangles (T, 3) of the tube around `count` points."""
     ring, side = np.meshgrid(np.arange(count - 1), np.arange(SIDES), indexing="ij")
     a, b = ring * SIDES + side, ring * SIDES + (side + 1) % SIDES
     wall = [np.stack([a, b, b + SIDES], axis=-1), np.stack([a, b + SIDES, a + SIDES], axis=-1)]
@@ -40,7 +40,10 @@ def tube_faces(count: int) -> np.ndarray:
 
 
 def _tangents(points: np.ndarray) -> np.ndarray:
-    """Unit directions (N, 3) at the points: means of the segments beside each; of a segment of no length, the next."""
+    """Return unit directions (N, 3) at the points: means of the segments beside each.
+
+    A segment of no length counts as the next.
+    """
     segments = np.diff(points, axis=0)
     lengths = np.linalg.norm(segments, axis=1)
     good = np.flatnonzero(lengths > _SHORTEST)
@@ -54,14 +57,14 @@ def _tangents(points: np.ndarray) -> np.ndarray:
 
 
 def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternions (N, 4) x y z w of the smallest rotations from unit vectors a to b."""
+    """Return quaternions (N, 4) x y z w of the smallest rotations from unit vectors a to b."""
     quaternions = np.concatenate([np.cross(a, b), 1.0 + (a * b).sum(axis=1)[:, None]], axis=1)
     quaternions[:, 3] += 1e-9  # opposite vectors leave the frame as it is
     return quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
 
 
 def _scan(turns: np.ndarray) -> np.ndarray:
-    """Products turns[k] ... turns[0] for every k, in log2(N) steps."""
+    """Return the products turns[k] ... turns[0] for every k, in log2(N) steps."""
     result, step = turns.copy(), 1
     while step < len(result):
         result[step:] = quaternion_product(result[step:], result[:-step].copy())
