@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What programs share: types of options, and packages that they need. Imports the standard library only."""
+"""Types of options, and checks of packages, for all programs. Imports the standard library only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import math
 
 
 def duration(text: str) -> float:
-    """Seconds of an option. Raises ArgumentTypeError where `text` is no number above 0; inf is without end."""
+    """Return the seconds of an option; inf has no end. Raises ArgumentTypeError if `text` is no number above 0."""
     try:
         seconds = float(text)
     except ValueError:
@@ -20,7 +20,7 @@ def duration(text: str) -> float:
 
 
 def missing(*packages: str) -> str:
-    """A sentence about the first package that is not installed; "" where all are."""
+    """Return a sentence about the first package that is not installed; "" if all are."""
     for each in packages:
         if importlib.util.find_spec(each) is None:
             return f"{each} is not installed; make extras adds it, and so does pip install {each}"

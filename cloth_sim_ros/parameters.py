@@ -19,11 +19,11 @@ INFINITY = math.inf
 class Parameter:
     """One row: `live` values take effect at the next frame, `fixed` ones hold until a restart, others rebuild.
 
-    anew: whether an object starts anew with another value; with others it goes on from where it is.
+    anew: True if a change restarts the object; otherwise the object goes on from its state.
 
     kind: "bool", "integer", "double", "string", "path" (of a file), "string_array", "double_array" or "pins" (a word or
-    a list of indices).
-    low, high: inclusive bounds of a number or of every element of an array. length: of an array, 0 for any.
+    a list of indices). low, high: inclusive bounds of a number or of every element of an array. length: that of an
+    array, 0 for any.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Parameter:
 
 
 def number(name, default, text, unit="", low=-INFINITY, high=INFINITY, live=True):
-    """A row of one number, live unless said otherwise."""
+    """Return a row of one number, live unless said otherwise."""
     return Parameter(name, "double", float(default), text, unit, float(low), float(high), live)
 
 
@@ -50,7 +50,7 @@ def _integer(name, default, text, low, high, live=False, anew=False):
 
 
 def vector(name, default, text, unit="", low=-INFINITY, high=INFINITY, length=3, **when):
-    """A row of `length` numbers."""
+    """Return a row of `length` numbers."""
     value = tuple(map(float, default))
     return Parameter(name, "double_array", value, text, unit, low, high, length=length, **when)
 
@@ -554,7 +554,7 @@ SHEET = (
 
 
 def row(group: tuple[Parameter, ...], name: str) -> Parameter:
-    """The row called `name` of `group`. Raises KeyError where there is none."""
+    """Return the row called `name` of `group`. Raises KeyError if there is none."""
     for parameter in group:
         if parameter.name == name:
             return parameter
@@ -562,7 +562,7 @@ def row(group: tuple[Parameter, ...], name: str) -> Parameter:
 
 
 def allowed(parameter: Parameter) -> str:
-    """What a value of `parameter` may be, in words, for messages and the reference."""
+    """Return the allowed values of `parameter` in words, for messages and the reference."""
     if parameter.choices:
         return "one of " + ", ".join(parameter.choices)
     if parameter.kind == "pins":
@@ -584,7 +584,8 @@ def allowed(parameter: Parameter) -> str:
 
 
 def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
-    """`value` as the type of `parameter`, or ValueError in one sentence with the thing, the value and what is allowed.
+    """Return `value` as the type of `parameter`. Raises ValueError, which names the thing, the value and what is
+    allowed.
 
     Whole numbers count as doubles, tuples and arrays as lists; booleans never count as numbers.
     """
@@ -595,9 +596,9 @@ def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
 
 
 def shown(value: Any) -> str:
-    """A foreign value on one line of bounded length, for sentences: text in quotes, its control characters escaped.
+    """Return a foreign value on one line of bounded length: text in quotes, its control characters escaped.
 
-    Of a long one both ends are shown: the last of a path says most.
+    A long value keeps both ends: the last part of a path says most.
     """
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:37]}...{text[-40:]}"

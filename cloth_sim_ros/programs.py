@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The programs that are installed. Where ROS is missing, one sentence says how to get it, and the status is 1."""
+"""Entry points of the installed programs. If ROS is missing, one sentence says how to get it, and the status is 1."""
 
 from __future__ import annotations
 
@@ -27,35 +27,35 @@ def _run(module: str) -> int:
 
 
 def node() -> int:
-    """cloth_sim_node: the node."""
+    """Run cloth_sim_node: the node."""
     return _run("ros.__main__")
 
 
 def viewer() -> int:
-    """cloth_sim_viewer: the page in a browser."""
+    """Run cloth_sim_viewer: the page in a browser."""
     return _run("viewer.__main__")
 
 
 def record() -> int:
-    """cloth_sim_record BAG: records a node."""
+    """Run cloth_sim_record BAG, which records a node."""
     return _run("record.recorder")
 
 
 def replay() -> int:
-    """cloth_sim_replay BAG: computes a recording again."""
+    """Run cloth_sim_replay BAG, which computes a recording again."""
     return _run("record.replay")
 
 
 def export() -> int:
-    """cloth_sim_export BAG OUT: a recording as glTF, movie or pictures."""
+    """Run cloth_sim_export BAG OUT, which writes a recording as glTF, movie or pictures."""
     return _run("record.export")
 
 
 def driver() -> int:
-    """cloth_sim_driver SCENE: moves a scene."""
+    """Run cloth_sim_driver SCENE, which moves a scene."""
     return _run("demo.driver")
 
 
 def demo() -> int:
-    """cloth_sim_demo SCENE: node, driver and viewer."""
+    """Run cloth_sim_demo SCENE: node, driver and viewer."""
     return _run("demo.__main__")

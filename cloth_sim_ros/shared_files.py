@@ -11,7 +11,7 @@ PACKAGE = "cloth_sim_ros"
 
 
 def shared(path: str) -> Path:
-    """A file that comes with the package: in a source tree, or installed by colcon or pip."""
+    """Return a file that comes with the package: in a source tree, or installed by colcon or pip."""
     roots = [Path(__file__).parents[1]]
     roots += [Path(root) / "share" / PACKAGE for root in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if root]
     roots.append(Path(sys.prefix) / "share" / PACKAGE)

@@ -10,7 +10,7 @@ NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Stop:
-    """Whether a signal has come since this was made, in the main thread.
+    """Tells if SIGINT or SIGTERM has come since it was made, in the main thread.
 
     It holds no lock: a handler that waits for one, as that of an Event does, may wait for itself.
     """
@@ -24,5 +24,5 @@ class Stop:
         self._came = True
 
     def is_set(self) -> bool:
-        """Whether it has."""
+        """Return True if a signal has come."""
         return self._came

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The line of a terminal that says how far a program is. Imports the standard library only."""
+"""Status line of a terminal. Imports the standard library only."""
 
 from __future__ import annotations
 
@@ -9,6 +9,6 @@ _ERASE = "\33[2K"
 
 
 def show(text: str) -> None:
-    """Shows `text` in place of what was shown before; "" takes it away. A log gets nothing of it."""
+    """Show `text` in place of the text before; "" removes it. Nothing goes into a log."""
     if sys.stderr.isatty():
         print(f"{_ERASE}{text}", end="\r", file=sys.stderr, flush=True)
