@@ -26,11 +26,11 @@ SETTLED_SPEED = wp.constant(1.0e-3)
 
 # ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
 # stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until segments and contacts
-# are settled. Very short segments beside long ones take up to 20, and gain energy after 8. A rod of 100 segments that
-# is dragged has up to 2.5 times Coulomb's friction after 8. Beyond WHOLE_STEPS half of a step is taken, as steps go to
-# and fro between two shapes by then.
+# are settled. Very short segments beside long ones take up to 20, and gain energy after 8. Beyond WHOLE_STEPS half of a
+# step is taken, as steps go to and fro between two shapes by then; where contacts are not settled, beyond
+# WHOLE_CONTACT_STEPS. A rod of 100 segments that is dragged had 2.5 times Coulomb's friction after eight whole steps.
 ATTEMPTS = wp.constant(5)
-NEWTON_STEPS, WHOLE_STEPS = wp.constant(32), wp.constant(20)
+NEWTON_STEPS, WHOLE_STEPS, WHOLE_CONTACT_STEPS = wp.constant(32), wp.constant(20), wp.constant(8)
 
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
@@ -255,11 +255,13 @@ def make_solve(features: Features, threads: int):
         first = int(0)
         if wp.static(winch):
             first = ctx.state.winch.winches[ctx.body.index].index
-        overstretched, again, steps, kinds = bool(False), bool(True), int(0), int(PARTICLES + SEGMENTS)
+        overstretched, again, steps = bool(False), bool(True), int(0)
+        kinds = int(wp.static(PARTICLES + SEGMENTS if features.leans else 0))  # of contact that is not settled
         while again:
             if wp.static(lean_all is not None):
                 lean_all(t, kinds, steps, ctx)
-            events = newton_step(t, first, wp.where(steps < WHOLE_STEPS, 1.0, 0.5), ctx)
+            whole = wp.where(kinds == 0, WHOLE_STEPS, WHOLE_CONTACT_STEPS)
+            events = newton_step(t, first, wp.where(steps < whole, 1.0, 0.5), ctx)
             overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS

@@ -23,7 +23,7 @@ def mechanical_energy(sim):
 
 def leaning(angle, friction, rigidity=5.0, segments=20, length=1.0, device="cpu", **settings):
     """A rod that leans at `angle` [rad] from a smooth wall x = 0, with its foot on a rough floor z = 0."""
-    radius, mu = 0.003, {"static_friction": friction, "kinetic_friction": friction}
+    radius, mu = 0.003 * length, {"static_friction": friction, "kinetic_friction": friction}
     s = np.linspace(0.0, length, segments + 1)[:, None]
     top, foot = (
         np.array([-radius, 0, radius + length * np.cos(angle)]),
@@ -46,16 +46,52 @@ def leaning(angle, friction, rigidity=5.0, segments=20, length=1.0, device="cpu"
 
 
 @pytest.mark.parametrize("rigidity", [1.0, 1e3])
-@pytest.mark.parametrize(("segments", "substeps"), [(10, 0), (40, 0), (20, 20)])
-def test_a_rod_that_leans_stays_where_it_is(device, rigidity, segments, substeps):
-    """It rose by 0.3 m in a second, as friction moved its foot behind the solve of its stiff axis."""
+@pytest.mark.parametrize(
+    ("segments", "substeps", "slips"),
+    [(10, 0, 5e-3), (40, 0, 1e-3), (20, 20, 1e-3), (100, 0, 1e-4), (400, 0, 1e-4), (100, 20, 1e-4)],
+)
+def test_a_rod_that_leans_stays_where_it_is(device, rigidity, segments, substeps, slips):
+    """It rose by 0.3 m in a second, as friction moved its foot behind the solve of its stiff axis.
+
+    Of 100 segments and more it still slipped by 1 to 14 cm and climbed by 2 to 18 mm, as contact was softer than they.
+    """
     sim = leaning(np.radians(12), 0.5, rigidity, segments, device=device, substeps=substeps)
     start, most = sim.positions("rod").astype(float), 0.0
     for _ in range(60):
         sim.step()
         most = max(most, (sim.positions("rod")[:, 2] - start[:, 2]).mean())
     assert most < 1e-3
-    assert np.abs(sim.positions("rod")[-1] - start[-1]).max() < 5e-3
+    assert np.abs(sim.positions("rod")[-1] - start[-1]).max() < slips
+
+
+@pytest.mark.parametrize(
+    ("length", "segments", "stretch", "tilt", "mu"),
+    [(0.5, 50, 1e7, 45, 0.3), (0.3, 100, 1e6, 40, 0.4), (0.5, 20, 1e6, 40, 0.35)],
+)
+def test_a_rod_that_is_dragged_has_coulombs_friction(device, length, segments, stretch, tilt, mu):
+    """A hand holds its upper end and draws it on, the foot behind. It had up to 2.5 times of mu N, or half of it."""
+    radius, rubs = 0.004 * length, {"static_friction": mu, "kinetic_friction": mu}
+    foot, tilt = np.array([0, 0, radius]), np.radians(tilt)
+    top = foot + length * np.array([-np.sin(tilt), 0, np.cos(tilt)])
+    rod = Rope(
+        points=np.linspace(top, foot, segments + 1),
+        pins=None,
+        mass=0.1 * length,
+        radius=radius,
+        stretch_compliance=1.0 / stretch,
+        bend_compliance=1.0,
+        **rubs,
+    )
+    hand = Handle(position=tuple(top), reach=1.5 * length / segments, attached=True)
+    sim = Simulation(Scene({"rod": rod}, {"floor": Plane(**rubs)}, handles={"hand": hand}), Settings(), device=device)
+    forces = []
+    for frame in range(1, 151):
+        down, on = 0.003 * length * min(frame / 30, 1.0), 0.1 * max(frame - 30, 0) / 60
+        sim.set_handle_pose("hand", (top[0] - on, 0, top[2] - down))
+        sim.step()
+        forces.append(sim.wrench("floor")[0])
+    pull, _, press = np.abs(np.mean(forces[70:], axis=0))
+    assert pull == pytest.approx(mu * press, rel=0.05)
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.4])
@@ -201,7 +237,7 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
 
 @pytest.mark.parametrize(
     ("on_drum", "mu", "substeps", "ripple"),
-    [(5, 0.3, 0, 0.05), (6, 0.3, 20, 0.05), (6, 0.1, 0, 0.05), (8, 0.3, 300, 0.1)],
+    [(5, 0.3, 0, 0.05), (6, 0.3, 20, 0.05), (6, 0.1, 0, 0.05), (8, 0.3, 300, 0.1), (6, 0.5, 0, 0.1), (4, 0.4, 0, 0.3)],
 )
 def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, substeps, ripple):
     """The held end has exp(mu pi) times the tension of a load, with 5 segments on the half turn or more.
