@@ -46,7 +46,7 @@ def energy_of_joint(j: int, b: int, a: Arrays) -> float:
         excess -= twist.bends[k]
         if twist.twists[b].known == 1:
             angle = twist.twisted[k + 1].angle - twist.twisted[k].angle
-            energy += 0.5 * stiffness_of(j, m, body, material) * angle * angle
+            energy += 0.5 * stiffness_of(j, m, body, material, twist.twists[b].held) * angle * angle
     return energy + 0.5 * wp.length_sq(excess) / (material.compliance[2] * joint[1])
 
 

@@ -7,7 +7,7 @@ from fixed_settings import fixed
 from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
-from cloth_sim_ros.sim import Handle, Rope, Scene, Simulation, Winch
+from cloth_sim_ros.sim import Handle, Rope, Scene, Settings, Simulation, Winch
 from cloth_sim_ros.sim.topology.rope import across
 from cloth_sim_ros.sim.topology.rope import directors as rest_directors
 from cloth_sim_ros.study.closed_forms.bending import greenhill_moment, michell_twist
@@ -356,3 +356,33 @@ def test_a_ring_turns_within_itself_to_where_it_is_bent_at_rest(device):
     )
     assert np.abs(turned).max() > 0.3
     assert turned == pytest.approx(exact.sol(middle)[0], abs=0.01)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_a_hand_that_holds_several_particles_twists_what_is_free(device, count):
+    """The torque is GJ theta over the length between both clamps; of five particles it was 17 % too little."""
+    length, segments, rigidity, angle = 1.0, 20, 0.05, 1.0
+    spacing = length / segments
+    cable = Rope(
+        start=(0, 0, 0),
+        end=(length, 0, 0),
+        segments=segments,
+        mass=0.1,
+        radius=0.003,
+        pins=[0, 1],
+        stretch_compliance=1e-6,
+        bend_compliance=10.0,
+        twist_compliance=1.0 / rigidity,
+        bend_damping=0.01,
+    )
+    place = (length - 0.5 * (count - 1) * spacing, 0, 0)
+    hand = Handle(position=place, reach=(0.5 * (count - 1) + 0.2) * spacing)
+    sim = Simulation(Scene({"it": cable}, handles={"hand": hand}, gravity=(0, 0, 0)), Settings(), device=device)
+    assert sim.attach("hand") == count
+    for frame in range(1, 61):
+        half = 0.5 * angle * frame / 60
+        sim.set_handle_pose("hand", place, (np.sin(half), 0, 0, np.cos(half)))
+        sim.step()
+    sim.step(60)
+    free = length - count * spacing  # a segment at the pins, and those of the hand
+    assert sim.handle_wrench("hand")[1][0] == pytest.approx(-rigidity * angle / free, rel=2e-3)

@@ -27,6 +27,7 @@ class Twist:
     end: wp.vec3  # the vector `start`, carried along the rope without twist, across the last segment
     start_by: int  # number of the clamp at the start, see clamped_by in clamps.py
     end_by: int  # the same at the end
+    held: wp.vec2i  # number of segments that each clamp holds
     start_own: wp.vec3  # `start` in the axes of its clamp
     end_own: wp.vec3  # `end` in the axes of its clamp
     wanted: float  # angle by which the end is turned [rad]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clamps at the ends of a rope with twist.
 
-An end is clamped while its last two particles are pinned, or held by a handle, which turns the rope with it. While one
-end is free the twist runs out of it, far faster than anything else moves.
+An end is clamped while its last two particles are pinned, or held by a handle, which turns the rope with it. All
+segments from there on that the same handle holds turn with it too. While one end is free the twist runs out of it, far
+faster than anything else moves.
 """
 
 import warp as wp
@@ -58,6 +59,20 @@ def clamped_by(i: int, j: int, ctx: Context) -> int:
         if neighbour == 0:
             neighbour = int(grip_of(j, ctx)[3])
     return wp.where(tip == 0 or neighbour == 0, 0, wp.max(tip, neighbour))
+
+
+@wp.func
+def held_by(start_by: int, end_by: int, ctx: Context) -> wp.vec2i:
+    """Return the number of segments that the clamps at the start and at the end hold; one at least stays free.
+
+    Pins hold one, as pinned particles farther on fix places and no turn.
+    """
+    last, start, end = ctx.body.count - 2, int(1), int(1)
+    while start_by > 0 and start < last - 1 and clamped_by(start, start + 1, ctx) == start_by:
+        start += 1
+    while end_by > 0 and start + end < last and clamped_by(last - end + 1, last - end, ctx) == end_by:
+        end += 1
+    return wp.vec2i(start, end)
 
 
 @wp.func

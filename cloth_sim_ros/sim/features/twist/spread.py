@@ -19,15 +19,19 @@ from cloth_sim_ros.sim.physics.twist import half_binormal, rest_turn
 FOLLOW = wp.constant(1.0)
 AHEAD = wp.constant(0.0)
 LATE = wp.constant(-1.0)
+RIGID = wp.constant(1.0e-3)  # share of the twist between segments that is left where a clamp holds both
 
 
 @wp.func
-def stiffness_of(j: int, m: Model, body: Body, material: Material) -> float:
-    """Torsional stiffness [N m] between the middles of segments j and j + 1; clamped segments do not twist."""
-    k, last = body.segments + j, body.count - 2
-    length = wp.where(j > 0, m.segment_length[k], 0.0)
-    length += wp.where(j + 1 < last, m.segment_length[k + 1], 0.0)
-    return 2.0 / (length * material.compliance[1])
+def stiffness_of(j: int, m: Model, body: Body, material: Material, held: wp.vec2i) -> float:
+    """Torsional stiffness [N m] between the middles of segments j and j + 1; those that clamps hold do not twist.
+
+    held: number of segments that the clamps at the start and at the end hold. Between two of these it is just large.
+    """
+    k, free = body.segments + j, body.count - 1 - held[1]
+    before, after = m.segment_length[k], m.segment_length[k + 1]
+    length = wp.where(j >= held[0] and j < free, before, 0.0) + wp.where(j + 1 >= held[0] and j + 1 < free, after, 0.0)
+    return 2.0 / (wp.max(length, RIGID * (before + after)) * material.compliance[1])
 
 
 @wp.func
@@ -81,7 +85,7 @@ def make_spread(tangent_at, tangent_before):
     """Return a Warp function that finds the angles of the material; tangents are those of twist.py."""
 
     @wp.func
-    def spread(angle: float, gamma: float, how: float, ctx: Context):
+    def spread(angle: float, held: wp.vec2i, gamma: float, how: float, ctx: Context):
         """Find the angles of the material where the end is turned by `angle`: a Newton step by Thomas's algorithm.
 
         Dashpots resist its turning by `gamma`, see gamma_of. Each row ends as the angle by which its segment turned
@@ -110,7 +114,7 @@ def make_spread(tangent_at, tangent_before):
             # Half the slope and a quarter of the curvature of the bending energy by the angle at the joint.
             pull = 0.5 * rigidity * wp.dot(wp.cross(before, after), bend)
             more = 0.25 * rigidity * wp.max(wp.dot(after - before, bend), 0.0)
-            stiff_after = stiffness_of(j, ctx.model, ctx.body, ctx.material) * (1.0 + gamma)
+            stiff_after = stiffness_of(j, ctx.model, ctx.body, ctx.material, held) * (1.0 + gamma)
             twisted = s.twisted[k + 1].angle - s.twisted[k].angle
             if gamma > 0.0:
                 twisted -= gamma / (1.0 + gamma) * twist_before(k, s)
@@ -164,13 +168,13 @@ def make_bend_joints(tangent_at, tangent_before):
                 angle = s.twisted[k + 1].angle - s.twisted[k].angle
                 if gamma > 0.0:
                     angle += gamma * (angle - twist_before(k, s))
-                moment = stiffness_of(j, ctx.model, ctx.body, ctx.material) * angle
+                moment = stiffness_of(j, ctx.model, ctx.body, ctx.material, twist.held) * angle
             s.twisted[k].couple = moment * half_binormal(before, after)
-            if j > 0:
+            if j >= twist.held[0] and j <= last - twist.held[1]:
                 length += ctx.model.segment_length[k]
-            if twist.known == 1 and j == 0:
+            if twist.known == 1 and j + 1 == twist.held[0]:
                 twist.start_moment = moment - half_torque(j, before, after, gamma, ctx)
-            if twist.known == 1 and j == last - 1:
+            if twist.known == 1 and j == last - twist.held[1]:
                 twist.end_moment = moment + half_torque(j, before, after, gamma, ctx)
             before = after
         twist.moment = wp.where(twist.known == 1, twist.angle / (length * ctx.material.compliance[1]), 0.0)

@@ -15,7 +15,7 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Body, Model
 from cloth_sim_ros.sim.arrays.state import State
 from cloth_sim_ros.sim.features.twist.arrays import Twist
-from cloth_sim_ros.sim.features.twist.clamps import clamp, clamped_by, start_of, turn_clamps, without_twist
+from cloth_sim_ros.sim.features.twist.clamps import clamp, clamped_by, held_by, start_of, turn_clamps, without_twist
 from cloth_sim_ros.sim.features.twist.spread import (
     AHEAD,
     FOLLOW,
@@ -136,6 +136,7 @@ def _make_twist_anew(tangent_at, tangent_before):
                 ctx.state.twist.twisted[ctx.body.segments + k].row = wp.vec2(0.0, LATE)
             before = after
         if clamped:
+            twist.held = held_by(start_by, end_by, ctx)
             if twist.known != 1:
                 twist = clamp(twist, start_by, end_by, tangent_at(0, ctx), before, u, ctx)
             # The end may be turned by any angle; the writhe changes by less than half a turn between two substeps.
@@ -170,7 +171,7 @@ def make_find_twist(order: int):
             how = LATE
         twist = twist_anew(follows, ctx)
         if twist.known == 1:
-            spread(twist.angle, gamma, how, ctx)
+            spread(twist.angle, twist.held, gamma, how, ctx)
             if before.known == 0:
                 lag(ctx)
         ctx.state.twist.twists[ctx.body.index] = bend_joints(twist, gamma, ctx)
