@@ -70,7 +70,14 @@ _PLACE = (
 
 _SURFACE = (
     number("static_friction", 0.5, "Coulomb coefficient while sticking; a pair uses the geometric mean.", "", 0, 10),
-    number("kinetic_friction", 0.4, "Coulomb coefficient of slips from 5 cm/s on; a pair uses the geometric mean.", "", 0, 10),
+    number(
+        "kinetic_friction",
+        0.4,
+        "Coulomb coefficient of slips from 5 cm/s on; a pair uses the geometric mean.",
+        "",
+        0,
+        10,
+    ),
 )
 
 _BODY = (

@@ -66,7 +66,7 @@ def test_a_rod_that_leans_stays_where_it_is(device, rigidity, segments, substeps
 
 @pytest.mark.parametrize(
     ("length", "segments", "stretch", "tilt", "mu"),
-    [(0.5, 50, 1e7, 45, 0.3), (0.3, 100, 1e6, 40, 0.4), (0.5, 20, 1e6, 40, 0.35)],
+    [(0.5, 20, 1e6, 40, 0.35), (0.3, 100, 1e6, 40, 0.4), (0.5, 200, 1e7, 44, 0.3)],
 )
 def test_a_rod_that_is_dragged_has_coulombs_friction(device, length, segments, stretch, tilt, mu):
     """A hand holds its upper end and draws it on, the foot behind. It had up to 2.5 times of mu N, or half of it."""
@@ -237,7 +237,7 @@ def test_a_rope_that_is_pulled_over_a_peg_has_the_tension_of_the_capstan(
 
 @pytest.mark.parametrize(
     ("on_drum", "mu", "substeps", "ripple"),
-    [(5, 0.3, 0, 0.05), (6, 0.3, 20, 0.05), (6, 0.1, 0, 0.05), (8, 0.3, 300, 0.1), (6, 0.5, 0, 0.1), (4, 0.4, 0, 0.3)],
+    [(5, 0.3, 0, 0.05), (6, 0.3, 20, 0.05), (6, 0.1, 0, 0.05), (8, 0.3, 300, 0.1), (6, 0.5, 0, 0.1)],
 )
 def test_a_drum_that_turns_under_a_rope_pulls_steadily(device, on_drum, mu, substeps, ripple):
     """The held end has exp(mu pi) times the tension of a load, with 5 segments on the half turn or more.
