@@ -25,12 +25,13 @@ LARGEST_TURN = wp.constant(0.09)
 SETTLED_SPEED = wp.constant(1.0e-3)
 
 # ATTEMPTS: largest number of solves of a segment that turned too far. Each is stiffer across, as much as the turn
-# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until segments and contacts
-# are settled. Very short segments beside long ones take up to 20, and gain energy after 8. Beyond WHOLE_STEPS half of a
-# step is taken, as steps go to and fro between two shapes by then; where contacts are not settled, beyond
-# WHOLE_CONTACT_STEPS. A rod of 100 segments that is dragged had 2.5 times Coulomb's friction after eight whole steps.
+# stretches it (an upper bound of the energy). NEWTON_STEPS: largest number of Newton steps until all segments are
+# settled. Very short ones beside long ones take up to 20, and gain energy after 8. CONTACT_STEPS: likewise of contacts.
+# A rod of 100 segments that is dragged has up to 2.5 times Coulomb's friction after eight whole steps. Beyond
+# WHOLE_STEPS, and for contacts WHOLE_CONTACT_STEPS, half of a step is taken, as steps go to and fro by then.
 ATTEMPTS = wp.constant(5)
-NEWTON_STEPS, WHOLE_STEPS, WHOLE_CONTACT_STEPS = wp.constant(32), wp.constant(20), wp.constant(8)
+NEWTON_STEPS, WHOLE_STEPS = wp.constant(32), wp.constant(20)
+CONTACT_STEPS, WHOLE_CONTACT_STEPS = wp.constant(16), wp.constant(8)
 
 PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
 
@@ -260,14 +261,14 @@ def make_solve(features: Features, threads: int):
         while again:
             if wp.static(lean_all is not None):
                 lean_all(t, kinds, steps, ctx)
-            whole = wp.where(kinds == 0, WHOLE_STEPS, WHOLE_CONTACT_STEPS)
-            events = newton_step(t, first, wp.where(steps < whole, 1.0, 0.5), ctx)
+            whole = steps < wp.where(kinds == 0, WHOLE_STEPS, WHOLE_CONTACT_STEPS) or steps == CONTACT_STEPS - 1
+            events = newton_step(t, first, wp.where(whole, 1.0, 0.5), ctx)
             overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
             steps += 1
             again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
             if wp.static(left_open is not None):
                 kinds = 0
-                if steps < NEWTON_STEPS:
+                if steps < CONTACT_STEPS:
                     kinds = left_open(t, steps, ctx)
                     again = again or kinds != 0
         note_steps(t, steps, ctx)

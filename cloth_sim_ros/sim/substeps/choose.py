@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cloth_sim_ros.sim.features.collider_contact.lean import SHORT
 from cloth_sim_ros.sim.lines.solve import DAMPED
 from cloth_sim_ros.sim.scene.settings import Settings
 from cloth_sim_ros.sim.substeps import limits, prices
@@ -118,7 +119,13 @@ def _xpbd(
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     price = iterations * prices.xpbd(topology, materials, around) / around.speed
     fewest = _fewest(topology, around.coupled)
-    paid = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, _MOST))
+    paid = int(
+        np.clip(
+            1e3 * settings.budget * around.share * settings.frame_dt / price,
+            fewest,
+            _finest(topology, settings, around),
+        )
+    )
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
     order = settings.order or (1 if paid < smooth else 2)
@@ -208,6 +215,13 @@ def _fewest(topology: Topology, coupled: bool) -> int:
         return _FEWEST_COILS if coupled else FEWEST
     side = math.sqrt(len(topology.masses)) / (_SIDE_LAYERS if coupled else _SIDE)
     return max(_FEWEST_LAYERS if coupled else FEWEST, math.ceil(side))
+
+
+def _finest(topology: Topology, settings: Settings, around: Surroundings) -> int:
+    """Maximum substeps to choose. In shorter ones contact of a rope is softer than its segments, and gains energy."""
+    if not xpbd_is_direct(topology) or not around.colliders:
+        return _MOST
+    return int(settings.frame_dt * limits.EFFECTIVE[2] / SHORT)
 
 
 def _effective(settings: Settings, order: int) -> float:
