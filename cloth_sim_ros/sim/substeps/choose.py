@@ -221,7 +221,7 @@ def _finest(topology: Topology, settings: Settings, around: Surroundings) -> int
     """Maximum substeps to choose. In shorter ones contact of a rope is softer than its segments, and gains energy."""
     if not xpbd_is_direct(topology) or not around.colliders:
         return _MOST
-    return int(settings.frame_dt * limits.EFFECTIVE[2] / SHORT)
+    return int(settings.frame_dt / SHORT)
 
 
 def _effective(settings: Settings, order: int) -> float:

@@ -30,6 +30,7 @@ from cloth_sim_ros.sim.features.collider_contact.pinch import is_squeezed
 from cloth_sim_ros.sim.features.collider_contact.sweep import NOISE, least_gap, slip_of
 from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
+from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import SLOW, coefficient, friction_correction, outward
 from cloth_sim_ros.sim.ropes.arrays import Point
 
@@ -53,13 +54,21 @@ ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the d
 
 
 @wp.func
-def ratio_of(k: int, w: float, ctx: Context) -> float:
-    """Return R of a point of inverse mass w [1/kg] at segment k of a rope, or at its last particle k."""
-    segment = ctx.body.segments + wp.min(k, ctx.body.count - 2)
+def ratio_of(first: int, end: int, w: float, n: wp.vec3, ctx: Context) -> float:
+    """Return R of a point of inverse mass w [1/kg] of a rope that is pressed along n, between two of its particles."""
+    way = xyz(load4(ctx.x, end) - load4(ctx.x, first))
+    along = wp.dot(way, n) / wp.max(wp.length(way), SHORTEST)
     square = (ctx.step.effective / SHORT) * (ctx.step.effective / SHORT)
-    yields = ctx.material.compliance[0] * ctx.model.segment_length[segment] * ctx.step.inverse_square
+    segment = ctx.model.segment_length[ctx.body.segments + first]
+    yields = ctx.material.compliance[0] * segment * ctx.step.inverse_square
     least, most = wp.max(RATIO * wp.min(square, 1.0), LEAST), RATIO * wp.max(square, 1.0)
-    return wp.clamp(w / wp.max(yields, 1.0e-20), least, most)
+    return wp.clamp(along * along * w / wp.max(yields, 1.0e-20), least, most)
+
+
+@wp.func
+def ratio_at(i: int, w: float, n: wp.vec3, ctx: Context) -> float:
+    """Return R of particle i of a rope, likewise."""
+    return ratio_of(wp.max(i - 1, 0), wp.min(i + 1, ctx.body.count - 1), w, n, ctx)
 
 
 @wp.func
@@ -250,7 +259,9 @@ def solved_lean(i: int, c: int, entry: int, w: float, moved: wp.vec3, ctx: Conte
     before = (ctx.step.effective * ctx.step.effective) * xyz(load_row(ctx.state.contact.contacts, entry))
     softness = ctx.colliders[c].compliance * ctx.step.inverse_square / w
     local = wp.transpose(to_local) * before
-    return before - to_local * (slope_of(xyz(contact), ratio_of(i, w, ctx), softness, contact[3], local) * moved)
+    return before - to_local * (
+        slope_of(xyz(contact), ratio_at(i, w, xyz(contact), ctx), softness, contact[3], local) * moved
+    )
 
 
 @wp.func
@@ -310,7 +321,8 @@ def make_lean(features: Features):
                 slip = slip_of(position - sweep.position, displacement - xyz(load4(ctx.position_lo, i)), sweep)
                 met, _overlap = meet(i, collider, sweep, sweep.to_local * offset, slip, thickness, ctx)
                 softness = collider.compliance * ctx.step.inverse_square / w
-                ratio, friction = ratio_of(i, w, ctx), friction_of(collider, turn, ctx)
+                ratio = ratio_at(i, w, wp.transpose(sweep.to_local) * xyz(met), ctx)
+                friction = friction_of(collider, turn, ctx)
                 found = augmented(before, met, slip, wp.length(offset), ratio, softness, friction, unless_free)
                 # Rounding neither opens nor closes a contact.
                 closed, slack = known and last.contact[3] > 0.0, slack_of(ratio, wp.length(offset))
@@ -454,8 +466,8 @@ def make_lean_between(features: Features):
                 press = ctx.state.contact.presses[entry]
                 facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
-                ratio = ratio_of(k, w, ctx)
                 met, _overlap = meet(corners, press.weights, collider, sweep, facet, ctx.material.thickness, ctx)
+                ratio = ratio_of(k, k + 1, w, wp.transpose(sweep.to_local) * xyz(met), ctx)
                 met[3] += NOISE - press.rounded  # as in surface.py
                 local = sweep.to_local * press.normal
                 before = wp.vec3(0.0)
