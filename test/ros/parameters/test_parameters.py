@@ -9,7 +9,7 @@ from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool
 
-from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS
+from cloth_sim_ros.sim.scene.materials import CORDS, FABRICS, spring_constants
 
 
 @pytest.fixture
@@ -166,7 +166,8 @@ def test_a_material_sets_what_the_file_does_not(start, client):
     assert client.get("cloth.mass") == pytest.approx(0.2 * cotton.areal_mass)
     assert client.get("cloth.bending") == "dihedral"
     assert client.get("cloth.bend_compliance") == pytest.approx(1.0 / cotton.bend_warp)
-    assert client.get("cloth.shear_compliance") == pytest.approx(1.0 / cotton.shear)
+    diagonal = spring_constants(cotton.warp, cotton.weft, cotton.shear, cell=(0.5, 0.4))[2]  # of as many cells each way
+    assert client.get("cloth.shear_compliance") == pytest.approx(1.0 / diagonal)
     assert client.get("cloth.damping") == 0.001, "the file set it"
     assert client.get("line.mass") == pytest.approx(2.0 * steel.linear_mass)
     assert client.get("line.stretch_compliance") == pytest.approx(1.0 / steel.stretch)

@@ -36,8 +36,8 @@ from cloth_sim_ros.sim.ropes.arrays import Point
 
 # R in effective steps of SHORT [s]. In a shorter one it falls with the square, as a rounding error of a gap would make
 # ever more force. Below LEAST, contacts would open and close, and lose their friction. In longer steps it is as stiff
-# as a segment of its rope, up to its stiffness in SHORT. What a softer one leaves, the stage behind would press into
-# the rope as energy: a rod of 100 segments that leans on a wall climbed up.
+# as its rope is along the normal, up to its stiffness in SHORT. What a softer one leaves, the stage behind would press
+# into the rope as energy: a rod of 100 segments that leans on a wall climbed up. A stiffer one jams on a peg.
 RATIO = wp.constant(100.0)
 SHORT, LEAST = wp.constant(1.0e-4), wp.constant(10.0)
 OFF = wp.constant(0.1)  # error of a segment's friction, as a fraction of the most, above which a rope is solved again
