@@ -47,7 +47,7 @@ class Press:
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the
     last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
-    lean.py. friction: of a rope the coefficients there. rounded: height by which a flat face is rounded there [m].
+    lean.py. friction: of a rope, see physics/friction.py. rounded: height by which a flat face is rounded there [m].
     stuck, anchor: friction pulls the point with weights `stuck` to `anchor` [m], in the collider's axes. slides: 1 if
     it is at its limit; the anchor then follows at the distance that is left. stops: shares of their displacements that
     the corners give up in substep `stopped`, along `front` (in the collider's axes) or, if that is 0, of all. load:

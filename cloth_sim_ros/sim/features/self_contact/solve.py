@@ -49,8 +49,8 @@ class Close:
     particles, surfaces, inverse, weights: four entries a pair. They are the particle, the index of its arrays, its
     inverse mass [1/kg], and its weight in the line between the nearest points. lines: direction of that line. turns:
     where a particle is nearest to the border of a triangle, direction of that side (0 at a corner), and length of the
-    line [m]; else 0. gaps: distance by which the pair shall separate [m], and its urgency. frictions: static and
-    kinetic coefficient.
+    line [m]; else 0. gaps: distance by which the pair shall separate [m], and its urgency. frictions: see
+    `coefficient` of physics/friction.py.
 
     slips: the slip of the pair, and its missing distance [m]. met: share of the missing distance by which the parts
     approached in the substep before. That share is a hit, the rest is pressure. counts: (W,). some: (1,) 1 if there is
