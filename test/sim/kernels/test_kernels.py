@@ -148,7 +148,7 @@ FUNCTIONS = {
     "surface": "search press give_way",
     "many colliders": "measure_extent list_colliders",
     "meeting": "keep_apart",  # in no stage: it has launches of its own
-    "winch": "next_rate effective_materials",
+    "winch": "next_rate mass_beyond",
     "handles": "hold feel way_of",
     "twist": "carried_across half_binormal push_by_couples",
 }
