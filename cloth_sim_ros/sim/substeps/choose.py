@@ -23,6 +23,7 @@ from cloth_sim_ros.sim.topology import Topology
 _START = 20  # substeps of a frame of _FRAME [s] until the first error is measured, for an error of 1e-2
 _FRAME = 1.0 / 60.0
 _MOST = 2000  # maximum substeps of xpbd
+_FINE = 0.01  # segments [m] below which a rope beside colliders may take substeps shorter than SHORT, in proportion
 _SAFE = 40  # minimum substeps of a repeated frame
 FEWEST = 6  # minimum substeps per frame; contact and gusts need them
 _FEWEST_LAYERS, _FEWEST_COILS = 13, 40  # minimum substeps with self or object contact: sheet, rope
@@ -218,10 +219,14 @@ def _fewest(topology: Topology, coupled: bool) -> int:
 
 
 def _finest(topology: Topology, settings: Settings, around: Surroundings) -> int:
-    """Maximum substeps to choose. In shorter ones contact of a rope is softer than its segments, and gains energy."""
+    """Maximum substeps to choose. In shorter ones contact of a rope is softer than its segments, and gains energy.
+
+    Fine ropes need shorter ones, as theirs shakes else.
+    """
     if not xpbd_is_direct(topology) or not around.colliders:
         return _MOST
-    return int(settings.frame_dt / SHORT)
+    segment = float(np.median(topology.springs["structural"].rest))
+    return min(_MOST, int(settings.frame_dt / SHORT * max(1.0, _FINE / segment)))
 
 
 def _effective(settings: Settings, order: int) -> float:
