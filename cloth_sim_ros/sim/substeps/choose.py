@@ -120,13 +120,8 @@ def _xpbd(
     iterations, rate = settings.iterations or 1, _bending_rate(topology, materials)
     price = iterations * prices.xpbd(topology, materials, around) / around.speed
     fewest = _fewest(topology, around.coupled)
-    paid = int(
-        np.clip(
-            1e3 * settings.budget * around.share * settings.frame_dt / price,
-            fewest,
-            _finest(topology, settings, around),
-        )
-    )
+    finest = max(fewest, _finest(topology, settings, around))
+    paid = int(np.clip(1e3 * settings.budget * around.share * settings.frame_dt / price, fewest, finest))
     # With fewer sweeps of second order, the residual of a mesh's stiff springs shakes it.
     smooth = limit / (_MOST_STIFF * iterations) if _is_mesh(topology) and topology.coupling is None else 0.0
     order = settings.order or (1 if paid < smooth else 2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from cloth_sim_ros.sim import Cloth, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
+from cloth_sim_ros.sim import Cloth, Plane, Readback, Rope, Scene, Settings, Simulation, Sphere, Wind
 
 SOFT = Cloth(resolution=(9, 9), pins="edges", stretch_compliance=1e-3, shear_compliance=1e-3)
 STIFF = Cloth(resolution=(9, 9), stretch_compliance=1e-6)
@@ -23,6 +23,17 @@ def auto(things, *, wind=None, **settings):
 
 def choice(thing, **settings):
     return auto(thing, **settings).choices["it"]
+
+
+def test_a_rope_beside_a_collider_takes_no_very_short_substeps():
+    """None below 1e-4 s, or in proportion with segments below 1 cm; a short frame still has its fewest."""
+
+    def most(frame_dt, segments):
+        rope = Rope.of("nylon rope", segments=segments, start=(0, 0, 0.1), end=(0.4, 0, 0.1), pins=None)
+        scene = Scene({"it": rope}, {"floor": Plane()})
+        return Simulation(scene, Settings(frame_dt=frame_dt, budget=50.0), "cpu").choices["it"].most
+
+    assert [most(1 / 60, 8), most(1 / 60, 80), most(1e-3, 8), most(5e-5, 8)] == [166, 333, 10, 6]
 
 
 def test_each_object_gets_its_own_numbers_and_a_reason():
