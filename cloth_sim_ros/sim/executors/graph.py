@@ -43,7 +43,7 @@ class Member:
     """The parts of a batch's program as launches, recorded once."""
 
     def __init__(self, features: Features, worlds: list[Arrays], device: wp.Device) -> None:
-        self.device = device
+        self.device, self.is_rope = device, features.chain
         counts = worlds[0].model.bodies.numpy()["count"]
         bodies = len(worlds) * len(counts)
         if device.is_cpu or features.chain:  # a chain is solved by the threads of one block
@@ -98,9 +98,12 @@ class Graph:
     def _launches(self, substeps: int, iterations: int) -> list[Call]:
         frame: list[Call] = []
 
-        def run(part: str, *numbers: int) -> None:
-            for member in self._members:
+        def run(part: str, *numbers: int, members: Sequence[Member] = self._members) -> None:
+            for member in members:
                 frame.extend(member.run(part, *numbers))
+
+        held = [each for each in self._members if each.is_rope and self._sewing is not None and self._sewing.is_held]
+        others = [each for each in self._members if each not in held]
 
         if self._meeting is not None:
             frame += [*self._meeting.begin, partial(self._meeting.look, ends=False)]
@@ -110,7 +113,10 @@ class Graph:
             run("before", substep)
             for iteration in range(iterations):
                 now = (substep, min(iteration, 1), int(iteration + 1 == iterations))
-                run("solved", *now)
+                run("solved", *now, members=others)
+                if held:
+                    frame.append(self._sewing.open(substep, iteration == 0).launch)
+                    run("solved", *now, members=held)
                 if self._meeting is not None:
                     frame.append(self._meeting.solve)
                 if self._sewing is not None:

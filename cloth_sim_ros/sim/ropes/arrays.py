@@ -16,6 +16,25 @@ Point = wp.types.vector(length=5, dtype=wp.float32)
 
 
 @wp.struct
+class Between:
+    """What a collider does to a point of a segment, as `pushes` and `holds` of a particle."""
+
+    push: wp.vec3  # [kg m]
+    hold: wp.mat33  # [kg]
+    point: Point
+
+
+@wp.struct
+class Sewn:
+    """What the stitches at a particle, and at the segment behind it, do to it (see seams/held.py)."""
+
+    start: wp.vec3  # displacement at which it was found [m]
+    pull: wp.vec3  # force x h_e^2 there [kg m]
+    hold: wp.mat33  # by how much less that is for a move of the particle from there [kg]
+    beyond: wp.mat33  # the same for a move of the next one [kg]
+
+
+@wp.struct
 class RopeState:
     """State of ropes; see State for the letters."""
 
@@ -30,21 +49,20 @@ class RopeState:
     half_turns: wp.array(dtype=float)  # (N,) half the angle by which the rope turns at a particle there [rad]
     pushes: wp.array(dtype=wp.vec3)  # (N,) correction by colliders at the start of the solve [m]
     holds: wp.array(dtype=wp.mat33)  # (N,) how much of a move from there colliders take back
-    segment_pushes: wp.array(dtype=wp.vec3)  # (C,) the same of a point of a segment [kg m], if facets are tested
-    segment_holds: wp.array(dtype=wp.mat33)  # (C,) [kg]
-    segment_points: wp.array(dtype=Point)  # (C,) that point
+    between: wp.array(dtype=Between)  # (C,) the same of segments, if facets are tested
+    sewn: wp.array(dtype=Sewn)  # (N,) of a rope with seams
     scratch: wp.array(dtype=wp.float64)  # see rows.h
     overstretched: wp.array(dtype=int)  # (B,) 1 if a rope is overstretched in this substep
 
 
 def sizes(features: Features, n: Counts) -> dict[str, int]:
-    between = n.segments * (features.leans and features.surface)
     return {
         "tensions": n.segments,
         "moments": n.joints,
         **dict.fromkeys(("falls", "targets", "solved"), n.particles * features.chain),
         **dict.fromkeys(("starts", "half_turns", "pushes", "holds"), n.particles * features.leans),
-        **dict.fromkeys(("segment_pushes", "segment_holds", "segment_points"), between),
+        "between": n.segments * (features.leans and features.surface),
+        "sewn": n.particles * (features.chain and features.sewn),
         "scratch": NUMBERS * (n.particles + 3 * n.bodies) * features.chain,
         "overstretched": n.bodies * features.chain,
     }

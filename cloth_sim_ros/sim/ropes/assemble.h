@@ -71,14 +71,14 @@ for (int i = first + t; i < count + 3; i += threads) {
         if (after) add(-1.0, stiffness, one);
     }
     // Colliders between particles; the point of segment k lies between i and i + 1, or i - 1 and i.
-    for (int k = i - 1; segment_pushes.shape[0] > 0 && k <= i; ++k) {
+    for (int k = i - 1; between.shape[0] > 0 && k <= i; ++k) {
         if (k < first || k > count - 2) continue;
-        const auto& point = segment_points.data[segments + k];
-        const auto& hold = segment_holds.data[segments + k];
+        const auto& point = between.data[segments + k].point;
+        const auto& hold = between.data[segments + k].hold;
         const double own = point[i - k], beyond = point[1 - (i - k)];
         if (point[0] + point[1] == 0.0) continue;
         for (int c = 0; c < 3; ++c) {
-            right[c] += own * segment_pushes.data[segments + k][c];
+            right[c] += own * between.data[segments + k].push[c];
             for (int b = 0; b < 3; ++b) {
                 double moved = 0.0;
                 for (int e = 0; e < 2; ++e) {
@@ -92,6 +92,25 @@ for (int i = first + t; i < count + 3; i += threads) {
             const double rock = (double)point[2 + a] * point[2 + b];  // the point was found where the segment is now
             to[c] += own * own * hold.data[a][b] + rock;
             if (k < i && after) one[c] += own * beyond * hold.data[a][b] - rock;
+        }
+    }
+    if (sewn.shape[0] > 0) {  // stitches; those of a segment couple its two particles
+        const auto& here = sewn.data[g];
+        auto take = [&](const auto& hold, int k) {
+            for (int c = 0; c < 3; ++c) {
+                for (int b = 0; b < 3; ++b) {
+                    right[c] -= hold.data[c][b] * ((double)moves[k].v[b] - sewn.data[particles + k].start[b]);
+                }
+            }
+        };
+        for (int c = 0; c < 3; ++c) right[c] += here.pull[c];
+        take(here.hold, i);
+        if (i + 1 < count) take(here.beyond, i + 1);
+        if (i > first) take(sewn.data[g - 1].beyond, i - 1);
+        for (int c = 0; c < 6; ++c) {
+            const int a = c < 3 ? c : (c == 5 ? 1 : 0), b = c < 3 ? c : (c == 3 ? 1 : 2);
+            to[c] += here.hold.data[a][b];
+            if (after) one[c] += sewn.data[g - 1].beyond.data[a][b];
         }
     }
     for (int place = 0; bends && place < 3; ++place) {

@@ -22,7 +22,7 @@ import warp as wp
 
 from cloth_sim_ros.sim.features.twist.arrays import Twisted
 from cloth_sim_ros.sim.kernels.native import source
-from cloth_sim_ros.sim.ropes.arrays import NUMBERS, Point
+from cloth_sim_ros.sim.ropes.arrays import NUMBERS, Between, Sewn
 
 # Events that a linear solve cannot see: a segment turns too far, changes its length too much, or needs another step.
 TOO_FAR = wp.constant(1)
@@ -95,9 +95,8 @@ def assemble(
     pushes: wp.array(dtype=wp.vec3),
     holds: wp.array(dtype=wp.mat33),
     segments: int,
-    segment_pushes: wp.array(dtype=wp.vec3),
-    segment_holds: wp.array(dtype=wp.mat33),
-    segment_points: wp.array(dtype=Point),
+    between: wp.array(dtype=Between),
+    sewn: wp.array(dtype=Sewn),
     scratch: wp.array(dtype=wp.float64),
 ):
     """Fill the rows of the matrix; see RopeState for the arrays."""

@@ -139,9 +139,8 @@ def _make_attempt(features: Features, threads: int):
             rope.pushes,
             rope.holds,
             body.segments,
-            rope.segment_pushes,
-            rope.segment_holds,
-            rope.segment_points,
+            rope.between,
+            rope.sewn,
             rope.scratch,
         )
         sync()

@@ -12,6 +12,9 @@ from cloth_sim_ros.sim.input.mesh_repair import edges_of
 from cloth_sim_ros.sim.scene.seams import Seam
 from cloth_sim_ros.sim.topology.elements import Stitches, Topology
 
+# Shares are multiples of it. So both weights of a point add up to 1 exactly in float32, and the forces to 0.
+_EXACT = 2.0**-20
+
 
 def stitches_of(name: str, seam: Seam, row: int, first: Topology, second: Topology) -> Stitches:
     """Return the stitches of a seam called `name`. Raises ValueError for particles that cannot be sewn so."""
@@ -43,7 +46,8 @@ def _points(
     at = np.interp(_along(fine, of_fine), _along(coarse, of_coarse), np.arange(len(coarse)))
     before = np.minimum(at.astype(int), max(len(coarse) - 2, 0))
     after = np.minimum(before + 1, len(coarse) - 1)
-    return np.stack([coarse[before], coarse[after]], axis=1), at - before
+    shares = np.round((at - before) / _EXACT) * _EXACT
+    return np.stack([coarse[before], coarse[after]], axis=1), shares
 
 
 def _along(line: np.ndarray, topology: Topology) -> np.ndarray:

@@ -371,8 +371,8 @@ def _moved_at(corners: wp.vec3i, point: Point, ctx: Context) -> wp.vec3:
 def _solved_between(k: int, ctx: Context) -> wp.vec3:
     """Return the correction [kg m] of segment k by colliders as the last solve left it."""
     place, corners = ctx.body.segments + k, corners_of(ctx.body.panels + k, ctx)
-    moved = _moved_at(corners, ctx.state.rope.segment_points[place], ctx)
-    return ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
+    now = ctx.state.rope.between[place]
+    return now.push - now.hold * _moved_at(corners, now.point, ctx)
 
 
 def _make_watch(features: Features):
@@ -492,9 +492,9 @@ def make_lean_between(features: Features):
                     off = wp.length(change - wp.dot(change, n) * n) > OFF * friction[0] * pressed / w
             c = next_of(c, near, False)
         if writes:  # the solve counts moves from `starts`
-            ctx.state.rope.segment_pushes[place] = push + hold * _moved_at(corners, point, ctx)
-            ctx.state.rope.segment_holds[place] = hold
-            ctx.state.rope.segment_points[place] = point
+            ctx.state.rope.between[place].push = push + hold * _moved_at(corners, point, ctx)
+            ctx.state.rope.between[place].hold = hold
+            ctx.state.rope.between[place].point = point
             if kept >= 0:
                 ctx.state.contact.presses[kept] = best
         return off or acted != (kept >= 0)
@@ -506,13 +506,14 @@ def make_lean_between(features: Features):
 def keep_lean(k: int, near: Near, ctx: Context):
     """Store what the solve made of the correction of segment k as that of this substep so far."""
     corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
-    point = ctx.state.rope.segment_points[place]
+    now = ctx.state.rope.between[place]
+    point = now.point
     if point[0] + point[1] == 0.0:
         return
     a, b = ctx.body.particles + corners[0], ctx.body.particles + corners[1]
     moved = point[0] * (ctx.state.rope.solved[a] - ctx.state.rope.starts[a])
     moved += point[1] * (ctx.state.rope.solved[b] - ctx.state.rope.starts[b])
-    acted = ctx.state.rope.segment_pushes[place] - ctx.state.rope.segment_holds[place] * moved
+    acted = now.push - now.hold * moved
     c = next_of(-1, near, False)
     while c < ctx.colliders.shape[0]:
         entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c

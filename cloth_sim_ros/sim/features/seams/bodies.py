@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.arrays.state import Arrays, Frame, Material
 from cloth_sim_ros.sim.features.seams.arrays import SeamState
 from cloth_sim_ros.sim.input.numbers import NumbersRow
 from cloth_sim_ros.sim.kernels.device import allocated
+from cloth_sim_ros.sim.ropes.arrays import Sewn
 from cloth_sim_ros.sim.substeps.arrays import ControlState, StepLimits
 from cloth_sim_ros.sim.topology import Topology
 
@@ -41,8 +42,16 @@ class SewnArrays:
     line_rests: wp.array(dtype=float)
     line_scales: wp.array(dtype=float)
     line_multipliers: wp.array(dtype=float)
+    rope_targets: wp.array(dtype=wp.vec3)
+    rope_sewn: wp.array(dtype=Sewn)
     seams: SeamState
     numbers: wp.array(dtype=NumbersRow)
+
+
+@wp.func
+def is_rope(arrays: SewnArrays) -> bool:
+    """True for a batch of ropes, whose `line_...` are those of their segments: tensions [N] for multipliers."""
+    return arrays.rope_sewn.shape[0] > 0
 
 
 @wp.struct
@@ -51,8 +60,8 @@ class Stitch:
 
     batches, bodies: of each point, and the number of its body there. seconds: 1 for second order. particles: in the
     arrays of these batches, two of the first point and two of the second. shares: of the second of each two. rope: the
-    first and last particle of the rope that it slides along, or -1. number: in SeamState of its first batch. row: of
-    the live numbers.
+    first and last particle of the rope that it slides along, or -1. held: the point, 0 or 1, at a rope whose solve
+    takes the stitch, or -1: none or both are ropes. number: in SeamState of its first batch. row: of the live numbers.
     """
 
     batches: wp.vec2i
@@ -61,6 +70,7 @@ class Stitch:
     particles: wp.vec4i
     shares: wp.vec2
     rope: wp.vec2i
+    held: int
     number: int
     row: int
 
@@ -75,7 +85,9 @@ class Seams:
     particle of a batch among all. moves: sums of displacements that stitches ask for, three for each particle of
     each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. sharing:
     (worlds,) 1 if a particle has several of them now. inverses: the inverse mass of each with all that its ways drag
-    along [1/kg]. starts: its displacement without stitches [m].
+    along [1/kg]. starts: its displacement without stitches [m]. released: the same as its ways then move it. holds:
+    (n,) stitches that a rope's solve takes, for each touched particle those that may be at it. hold_starts: (T + 1,)
+    offsets into them.
 
     ways: (W,) first and end of its beads. way_starts: (T + 1,) those of a touched particle. beads: (n,) particle in its
     batch, and slot of the spring to it. pulls: (worlds n,) unit vector of that spring, and the mass behind it [kg].
@@ -93,6 +105,9 @@ class Seams:
     sharing: wp.array(dtype=int)
     inverses: wp.array(dtype=wp.mat33)
     starts: wp.array(dtype=wp.vec3)
+    released: wp.array(dtype=wp.vec3)
+    holds: wp.array(dtype=int)
+    hold_starts: wp.array(dtype=int)
     ways: wp.array(dtype=wp.vec2i)
     way_starts: wp.array(dtype=int)
     beads: wp.array(dtype=wp.vec2i)
@@ -118,12 +133,14 @@ def seams_of(
     sizes = [arrays[0].state.positions.shape[0] for arrays in batches]
     every = worlds * sum(sizes)
     shapes = {"moves": 3 * every, "closing": worlds, "sharing": worlds}
-    seams = allocated(Seams, device, **shapes, **dict.fromkeys(("counts", "inverses", "starts"), every))
+    seams = allocated(Seams, device, **shapes, **dict.fromkeys(("counts", "inverses", "starts", "released"), every))
     stitches, used, numbers = [], [], [0] * len(batches)
+    ropes = np.array([arrays[0].state.rope.sewn.shape[0] > 0 for arrays in batches])
     for name, (batch, body) in homes.items():
         for each in topologies[name].stitches:
             rows = _rows(each, (batch, body), homes[each.other], bodies, numbers[batch])
             rows["seconds"] = np.array(orders)[rows["batches"]] - 1
+            rows["held"] = {(True, False): 0, (False, True): 1}.get(tuple(ropes[rows["batches"][0]]), -1)
             numbers[batch] += len(rows)
             stitches.append(rows)
             batch_of, body_of, second = (rows[part][:, [0, 0, 1, 1]] for part in ("batches", "bodies", "seconds"))
@@ -133,26 +150,45 @@ def seams_of(
                 first, count = (bodies[other][number][part] for part in ("particles", "count"))
                 used.append([(other, first + k, number, orders[other] - 1) for k in range(count)])
     seams.arrays = wp.array([_arrays_of(each) for arrays in batches for each in arrays], SewnArrays, device=device)
-    seams.stitches = wp.array(np.concatenate(stitches), dtype=Stitch, device=device)
+    every_stitch = np.concatenate(stitches)
+    seams.stitches = wp.array(every_stitch, dtype=Stitch, device=device)
     sewn = [(*home, orders[home[0]] - 1) for home in homes.values()]
     seams.bodies = wp.array(np.array(sewn, np.int32), dtype=wp.vec3i, device=device)
     touched = np.unique(np.concatenate(used), axis=0).astype(np.int32)
     seams.touched = wp.array(touched, dtype=wp.vec4i, device=device)
-    _add_ways(seams, touched, batches, {home: topologies[name] for name, home in homes.items()}, device)
+    held = [_held_at(every_stitch, batch, particle) for batch, particle, *_ in touched.tolist()]
+    seams.holds = wp.array(np.concatenate(held), dtype=int, device=device)
+    seams.hold_starts = wp.array(np.cumsum([0, *map(len, held)]), dtype=int, device=device)
+    of_homes = {home: topologies[name] for name, home in homes.items()}
+    _add_ways(seams, touched, np.array([len(each) == 0 for each in held]), batches, of_homes, device)
     seams.firsts = wp.array(np.cumsum([0, *sizes[:-1]]), dtype=int, device=device)
     seams.particles, seams.worlds = sum(sizes), worlds
     return seams
 
 
-def _add_ways(seams: Seams, touched: np.ndarray, batches, topologies, device: wp.Device) -> None:
-    """Add the ways from touched particles. topologies: batch, and number of the body there -> Topology."""
+def _held_at(stitches: np.ndarray, batch: int, particle: int) -> np.ndarray:
+    """Numbers of the stitches that the solve of a rope takes and that may be at this particle of it."""
+    held, rope = stitches["held"], stitches["rope"]
+    rows, side = np.arange(len(stitches)), np.maximum(held, 0)
+    ends = stitches["particles"].reshape(-1, 2, 2)[rows, side]
+    slides = (rope[:, 0] >= 0) & (rope[:, 0] <= particle) & (particle <= rope[:, 1])
+    here = (ends == particle).any(axis=1) | slides
+    return np.flatnonzero((held >= 0) & (stitches["batches"][rows, side] == batch) & here)
+
+
+def _add_ways(seams: Seams, touched: np.ndarray, begins: np.ndarray, batches, topologies, device: wp.Device) -> None:
+    """Add the ways from touched particles. begins: from which. topologies: batch, number of the body there -> Topology.
+
+    A rope takes its other stitches within its solve.
+    """
     around: list[list[list[tuple[int, int]]]] = [[] for _ in touched]
     for home, topology in topologies.items():
         model = batches[home[0]][0].model
         body = model.bodies.numpy()[home[1]]
         rows = np.flatnonzero((touched[:, 0] == home[0]) & (touched[:, 2] == home[1]))
         first, slots = int(body["particles"]), _slots_of(model, body)
-        for row, ways in zip(rows, _ways_of(topology, (touched[rows, 1] - first).tolist()), strict=True):
+        found = _ways_of(topology, (touched[rows, 1] - first).tolist(), begins[rows].tolist())
+        for row, ways in zip(rows, found, strict=True):
             for way in ways:
                 ends = [touched[row, 1] - first, *way[:-1]]
                 around[row].append([(first + j, slots[min(i, j), max(i, j)]) for i, j in zip(ends, way, strict=True)])
@@ -167,12 +203,14 @@ def _add_ways(seams: Seams, touched: np.ndarray, batches, topologies, device: wp
     seams.rests = wp.zeros(worlds * len(beads), dtype=float, device=device)
 
 
-def _ways_of(topology: Topology, sewn: Sequence[int]) -> list[list[list[int]]]:
-    """Return the ways from each of the particles `sewn` of an object: the particles of each, from near to far.
+def _ways_of(topology: Topology, sewn: Sequence[int], begins: Sequence[bool]) -> list[list[list[int]]]:
+    """Return the ways from each of the particles `sewn` of an object, if it `begins` any: particles from near to far.
 
     All grow spring by spring, so that none takes what is nearer to another.
     """
-    open_ways = [(k, way, []) for k, particle in enumerate(sewn) for way in _lines_from(topology, particle)]
+    open_ways = [
+        (k, way, []) for k, particle in enumerate(sewn) if begins[k] for way in _lines_from(topology, particle)
+    ]
     taken, found = set(sewn), [[] for _ in sewn]
     for _ in range(_LONGEST):
         growing = []
@@ -191,6 +229,9 @@ def _ways_of(topology: Topology, sewn: Sequence[int]) -> list[list[list[int]]]:
 
 def _lines_from(topology: Topology, particle: int):
     """Iterators over the particles of each line of structural springs from a particle on, one to each side of it."""
+    if topology.chain is not None and topology.winch is None:
+        yield iter(range(particle + 1, len(topology.masses)))
+        yield iter(range(particle - 1, -1, -1))
     for family in topology.families:
         if family.kind != "structural":
             continue
@@ -202,7 +243,9 @@ def _lines_from(topology: Topology, particle: int):
 
 
 def _slots_of(model, body) -> dict[tuple[int, int], int]:
-    """Slot of the structural spring between two particles of a body, the lesser one first."""
+    """Slot of the structural spring or segment between two particles of a body, the lesser one first."""
+    if model.segment_length.shape[0] > 0:
+        return {(i, i + 1): int(body["segments"]) + i for i in range(int(body["count"]) - 1)}
     first, end = int(body["lines"]), int(body["lines_end"])
     nodes, others = (each.numpy()[first:end] for each in (model.line_nodes, model.line_others))
     there = np.flatnonzero(others >= 0)  # structural springs come last, where others join the same particles
@@ -229,8 +272,12 @@ def _arrays_of(arrays: Arrays) -> SewnArrays:
     found.control, found.seams, found.numbers = state.control, state.seams, arrays.numbers
     found.materials, found.line_scales = arrays.materials, arrays.model.line_scales
     found.bases, found.line_multipliers = state.lines.bases, state.lines.line_multipliers
+    found.rope_targets, found.rope_sewn = state.rope.targets, state.rope.sewn
     membrane = state.lines.line_lengths.shape[0] > 0
     found.line_rests = state.lines.line_lengths if membrane else arrays.model.line_rests
+    if state.rope.sewn.shape[0] > 0:
+        found.line_rests = found.line_scales = arrays.model.segment_length
+        found.bases, found.line_multipliers = state.position_lo, state.rope.tensions
     for name in ("positions", "position_lo", "displacements", "events", "history"):
         setattr(found, name, getattr(state, name))
     return found
