@@ -2,9 +2,9 @@
 """Make command lines and YAML files readable that the middleware would refuse as a whole for one value.
 
 The middleware's parser stops the process at a list such as [0, 0, -9.81], whose numbers are not all of one type. It
-also stops at an empty value and at nested lists. Here whole numbers in such lists become decimals; what no parameter
-can hold is left out with one sentence. Files without such trouble are passed on untouched. A pipe, which can be read
-only once, is passed on as a copy.
+also stops at an empty value or mapping and at nested lists. Here whole numbers in such lists become decimals; what no
+parameter can hold is left out with one sentence. Files without such trouble are passed on untouched. A pipe, which can
+be read only once, is passed on as a copy.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import yaml
 _NUMBER = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _DECIMAL = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 Complain = Callable[[str], None]
+_Seen = dict[str, tuple[yaml.MappingNode, tuple[yaml.Node, yaml.Node]]]
 
 
 def readable_arguments(
@@ -55,11 +56,12 @@ def _readable_file(path: str, copy: Path, complain: Complain) -> tuple[str, list
         for alias in (event for event in yaml.parse(text) if isinstance(event, yaml.AliasEvent)):
             where = f"the parameter file {path}, line {alias.start_mark.line + 1}"
             raise ValueError(f"{where}: *{alias.anchor} is not known here; write out what it stands for")
-        mended = _mend(root, path, "", complain)
+        repeated = _drop_repeated(root, path, "", complain, {})
+        mended = _mend(root, path, "", complain) or repeated
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"the parameter file {path} cannot be read: {error}") from None
     except yaml.YAMLError as error:
-        raise ValueError(f"the parameter file {path} is not valid YAML: {' '.join(str(error).split())}") from None
+        raise ValueError(f"the parameter file {path}{_told(error)}") from None
     except RecursionError:
         raise ValueError(f"the parameter file {path} is nested too deeply to be read") from None
     if not mended and Path(path).is_file():
@@ -76,6 +78,40 @@ def _node_keys(mapping: yaml.MappingNode, prefix: str) -> Iterator[str]:
             yield from _node_keys(value, f"{prefix}/{key.value.strip('/')}")
 
 
+def _told(error: yaml.YAMLError) -> str:
+    """Return what is wrong in a file that is no YAML, and in which line, in words that follow its path."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem and error.problem_mark:
+        return f", line {error.problem_mark.line + 1}, is not valid YAML: {error.problem}"
+    return f" is not valid YAML: {' '.join(str(error).split())}"
+
+
+def _drop_repeated(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain, seen: _Seen) -> bool:
+    """Keep the last value of a name that has several, as the middleware would take one by its type; True if any had.
+
+    seen: name -> the mapping that holds its value so far, and where in it.
+    """
+    mended = False
+    for pair in list(mapping.value):
+        key, value = pair
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        name, line = f"{prefix}{key.value}", key.start_mark.line + 1
+        if key.value == "ros__parameters":
+            mended |= isinstance(value, yaml.MappingNode) and _drop_repeated(value, path, "", complain, {})
+        elif isinstance(value, yaml.MappingNode):
+            mended |= _drop_repeated(value, path, f"{name}.", complain, seen)
+        else:
+            if name in seen:
+                owner, old = seen[name]
+                owner.value = [each for each in owner.value if each is not old]
+                where = f"{path}, line {line}"
+                shown = " ".join(name.split())
+                complain(f"{where}: {shown} stands in line {old[0].start_mark.line + 1} too; this one counts")
+                mended = True
+            seen[name] = mapping, pair
+    return mended
+
+
 def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain, inside: bool = False) -> bool:
     """Mend `mapping` in place; return True if anything changed. inside: True below ros__parameters."""
     mended, kept = False, []
@@ -88,6 +124,9 @@ def _mend(mapping: yaml.MappingNode, path: str, prefix: str, complain: Complain,
         if isinstance(value, yaml.MappingNode):
             inner = "" if key.value == "ros__parameters" or not prefix and key.value[:1] in "/" else f"{name}."
             mended |= _mend(value, path, inner, complain, inside or key.value == "ros__parameters")
+            if not value.value:  # the middleware's parser takes the next line for part of an empty mapping
+                mended = True
+                continue
         elif key.value == "ros__parameters" and (value.value or isinstance(value, yaml.SequenceNode)):
             trouble = "has no names with values below it"
         elif not inside and value.value:
@@ -127,7 +166,13 @@ def _one_type(sequence: yaml.SequenceNode) -> bool:
 
 
 def _to_decimals(sequence: yaml.SequenceNode) -> None:
-    sequence.value = [yaml.ScalarNode(_NUMBER[1], repr(float(item.value))) for item in sequence.value]
+    sequence.value = [yaml.ScalarNode(_NUMBER[1], _decimal(float(item.value))) for item in sequence.value]
+
+
+def _decimal(value: float) -> str:
+    """Return text that YAML takes for a decimal by itself, which it does to 1.0e-05 and not to 1e-05."""
+    text = repr(value)
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def _readable_override(argument: str) -> str:

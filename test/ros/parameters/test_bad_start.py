@@ -120,7 +120,7 @@ def test_an_empty_scene_waits(start, client):
     ("text", "sentence"),
     [
         (None, "cannot be read"),
-        ("a: [1,\n", "is not valid YAML"),
+        ("a: [1,\n", ", line 2, is not valid YAML: expected the node content, but found '<stream end>'"),
         ("just words", "holds no parameters"),
         ("objects: [a]\na: {type: cloth}\n", "begin with a node's name, such as /**:, and ros__parameters: below"),
         ("/**:\n  objects: [a]\n", "holds no parameters"),

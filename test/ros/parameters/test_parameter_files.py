@@ -3,13 +3,15 @@
 
 import os
 import threading
+from pathlib import Path
 
 import pytest
+import yaml
 from client import fields
 from node_process import SMALL
 from sensor_msgs.msg import PointCloud2
 
-from cloth_sim_ros.ros.parameters.file import is_for
+from cloth_sim_ros.ros.parameters.file import is_for, readable_arguments
 
 
 @pytest.mark.long
@@ -73,6 +75,31 @@ def test_numbers_that_no_list_can_hold_are_named_with_file_and_line(start, clien
         )
         assert node.log.count(sentence) == 1, node.log
     assert list(client.get("gravity")) == [0.0, 0.0, -9.81] and "Traceback" not in node.log
+
+
+def test_small_numbers_empty_mappings_and_what_is_left_of_a_mapping_stop_no_node(start, client):
+    """The middleware's parser stops at an empty mapping, and at 1e-05 that is written without a point."""
+    text = SMALL.replace("[0, 0, -9.81]", "[0, 1e-5, -9.81]").replace("pins: start", "winch: {acceleration: [1, up]}")
+    start(text + "    solver: {}\n    wind: {velocity: [0, strong]}\n").ready()
+    assert list(client.get("gravity")) == [0.0, 1e-5, -9.81] and client.get("rope.winch.acceleration") == 1.0
+
+
+def readable(text, folder):
+    """What reaches the middleware of a file with this text, as YAML, and what is complained of."""
+    file, said = folder / "scene.yaml", []
+    file.write_text(text)
+    (_, path), _ = readable_arguments(["--params-file", str(file)], folder, said.append)
+    return yaml.safe_load(Path(path).read_text()), [sentence.removeprefix(f"{file}, ") for sentence in said]
+
+
+def test_of_a_name_with_two_values_the_last_counts_and_that_is_told(tmp_path):
+    text = (
+        "/**:\n  ros__parameters:\n    towel: {mass: 1, mass: 2.0, type: rope}\n    towel.type: cloth\n    towel: {}\n"
+    )
+    root, said = readable(text + "/other:\n  ros__parameters: {towel: {mass: 3.0}}\n", tmp_path)
+    assert root["/**"]["ros__parameters"] == {"towel": {"mass": 2.0}, "towel.type": "cloth"}
+    sentences = ["line 3: towel.mass stands in line 3 too; this one counts", "line 4: towel.type stands in line 3 too"]
+    assert len(said) == 2 and said[0] == sentences[0] and said[1].startswith(sentences[1])
 
 
 def test_lists_as_text_act_as_in_a_file(start, client):
