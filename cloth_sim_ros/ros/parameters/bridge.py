@@ -220,12 +220,13 @@ class ParameterBridge:
 
     def _following(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Return the other parameters that change with `parameters`: values of a material that nobody has set."""
-        asked = {parameter.name: parameter.value for parameter in parameters if parameter.name in self.rows}
-        given = {**self._given, **asked}
+        known = [parameter for parameter in parameters if parameter.name in self.rows]
         try:
+            asked = {each.name: coerced(self.rows[each.name], each.value, each.name) for each in known}
+            given = {**self._given, **asked}
             before = material_values(self.values, self._given)
             after = material_values({**self.values, **asked}, given)
-        except (TypeError, KeyError):  # refused with the reason in the next callback
+        except (ValueError, TypeError, KeyError):  # refused with the reason in the next callback
             return []
         changed = {name: after.get(name, self.rows[name].default) for name in {**before, **after} if name not in given}
         return [

@@ -104,7 +104,7 @@ def idle(name: str, values: Mapping[str, object]) -> str:
         "twist_compliance": ("twist", False),
         "end_turn": ("twist", False),
     }
-    if field in ("dimensions", "scale") and f"{owner}.shape" in values:
+    if field in ("dimensions", "scale", "mesh") and f"{owner}.shape" in values:
         shape = values[f"{owner}.shape"]
         if hasattr(SHAPES.get(shape), "from_file") == (field == "dimensions"):
             return f"{name} has no effect on a {shape}"

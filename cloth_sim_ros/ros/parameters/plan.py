@@ -47,7 +47,9 @@ class Plan:
         objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
         constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
         seams = {name: each for name, each in self.scene.seams.items() if {each.first, each.second} <= objects.keys()}
-        return replace(self, scene=replace(self.scene, objects=objects, constraints=constraints, seams=seams))
+        handles = {name: each for name, each in self.scene.handles.items() if each.object in ("", *objects)}
+        things = {"objects": objects, "constraints": constraints, "seams": seams, "handles": handles}
+        return replace(self, scene=replace(self.scene, **things))
 
     def with_poses(self, poses: Mapping[str, Pose]) -> Plan:
         """Return the plan with colliders and handles at `poses`, where topics have moved them."""
@@ -68,6 +70,8 @@ def make_plan(values: Values) -> Plan:
     objects = _made(values, values["objects"], make_object, problems)
     colliders = _made(values, values["colliders"], make_collider, problems)
     handles = _made(values, values["handles"], make_handle, problems)
+    for name in [name for name, handle in handles.items() if handle.object not in ("", *objects)]:
+        problems[name] = f"{name}.object is {handles.pop(name).object!r}, which is left out"
     grippers = _made(values, values["grippers"], make_gripper, problems)
     for name, gripper in grippers.items():
         colliders |= gripper.fingers(name)
@@ -326,7 +330,7 @@ def _made(values: Values, names: tuple[str, ...], make, problems: dict[str, str]
         try:
             things[name] = make(values, name)
         except ValueError as error:
-            sentence = re.sub(r"^(Rope|Cloth)(?=[. ])", name, str(error))
+            sentence = re.sub(r"^(Rope|Cloth|Handle)(?=[. ])", name, str(error))
             sentence = re.sub(r"^Winch\.", f"{name}.winch.", sentence)
             problems[name] = sentence if re.match(rf"{re.escape(name)}[. :]", sentence) else f"{name}: {sentence}"
     return things

@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scene_values import values
+from scene_values import NAMED, values
 from visualization_msgs.msg import Marker
 
 from cloth_sim_ros import parameters as table
@@ -113,6 +113,17 @@ def test_what_has_no_file_is_drawn_by_its_triangles_or_cells():
 def test_wrong_dimensions_leave_the_collider_out(name):
     plan = make_plan(values(**{f"{name}__dimensions": (1.0, 1.0, 1.0, 1.0)}))
     assert name not in plan.scene.colliders and f"{name}.dimensions is [1.0, 1.0, 1.0, 1.0]" in plan.problems[name]
+
+
+def test_a_hand_whose_object_is_left_out_is_left_out_with_it_and_both_are_told():
+    hands = ("left", "right")
+    rows = {name: row.default for name, row in names.scene_rows({**NAMED, "handles": hands}).items()}
+    wrong = {"handles": hands, "sheet.material": "velvet", "left.object": "sheet", "right.object": "line"}
+    plan = make_plan(rows | values() | wrong)
+    assert plan.problems["sheet"].startswith("sheet.material is 'velvet'; allowed is one of cotton")
+    assert plan.problems["left"] == "left.object is 'sheet', which is left out"
+    assert set(plan.scene.handles) == {"right"} and "line" in plan.scene.objects
+    assert not plan.without({"line"}).scene.handles
 
 
 def test_a_mesh_file_becomes_a_cloth(tmp_path):
@@ -229,6 +240,20 @@ def test_what_a_path_or_a_mesh_replaces_has_no_effect():
     for name, place in {"line.end": "line.path", "sheet.resolution": "sheet.mesh", "sheet.size": "sheet.mesh"}.items():
         assert names.idle(name, given) == f"{name} acts only where {place} is empty"
         assert not names.idle(name, values())
+
+
+def test_a_file_has_no_effect_on_a_shape_of_numbers():
+    given = values(ball__mesh="rock.stl", rod__shape="mesh", rod__mesh="rock.stl")
+    assert names.idle("ball.mesh", given) == "ball.mesh has no effect on a sphere"
+    assert not names.idle("rod.mesh", given) and not names.idle("sheet.mesh", values(sheet__mesh="shirt.obj"))
+
+
+def test_an_orientation_that_is_none_is_called_by_its_parameter():
+    rows = {name: row.default for name, row in names.scene_rows({**NAMED, "handles": ("hand",)}).items()}
+    given = rows | values() | {"handles": ("hand",), "hand.orientation": (0.0, 0.0, 0.0, 0.0)}
+    given |= {"ball.orientation": (0.0, 0.0, 0.0, 0.0), "line.orientation": (0.0, 0.0, 0.0, 0.0)}
+    for name, problem in make_plan(given).problems.items():
+        assert problem.startswith(f"{name}.orientation is (0.0, 0.0, 0.0, 0.0); allowed is a finite quaternion")
 
 
 def test_lengths_of_a_winch_are_called_as_parameters():
