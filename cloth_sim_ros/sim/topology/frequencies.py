@@ -11,6 +11,7 @@ import numpy as np
 from cloth_sim_ros.sim.topology.springs import Elements
 
 _POWERS = 60  # number of power iterations
+_LARGEST = 1e100  # [N/m]: no step is short enough for stiffer springs, and squares of their forces would overflow
 _APART = 0.125  # spacing of the table in the logarithm of the ratio of two stiffnesses
 _FEW = 4  # number of stiffnesses computed one by one before a table pays
 _MOST_KNOWN = 64
@@ -43,6 +44,8 @@ class Frequencies:
         return self._last[1]
 
     def _near(self, constants: tuple[float, ...]) -> tuple[float, float]:
+        if max(constants) > _LARGEST:
+            return math.inf, 0.0
         if len(constants) == 1:
             return constants[0] * self.exact((1.0,)), _LEAST_MARGIN
         self._asked += 1

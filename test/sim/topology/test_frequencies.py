@@ -72,3 +72,10 @@ def test_distinct_materials_are_those_of_a_set_or_the_stiffest(kinds):
     if kinds > 16:
         pairs = {(tuple(rows["compliance"].min(axis=0).tolist()), float(rows["damping"].max()))}
     assert distinct(rows) == pairs
+
+
+@pytest.mark.parametrize("compliance", [(1e-300, 1e-3, 1e-2), (1e-3, 1e-310, 1e-2), (1e-101, 1e-101, 1e-101)])
+def test_springs_of_any_stiffness_have_their_substeps_without_a_warning(compliance, recwarn):
+    """Their squares are no float64, and no explicit step is short enough for them."""
+    assert explicit_substeps(build(SHEETS["springs"], "it", False), compliance, 0.0, 1 / 60, False) == np.inf
+    assert not recwarn.list
