@@ -69,6 +69,7 @@ def test_twenty_drags_move_the_cloth_that_is_seen(shown, browser, client):
         shown.until(lambda c=corner, s=side: browser.look() or s * (browser.meshes[MESH]["vertices"][0] - c)[1] > 0.01)
         browser.drag(MESH, "end", corner, corner + (0.0, side, 0.0))
         shown.until(lambda: shown.page.grasp.state == "idle" and not client.get("hand.attached"))
+        shown.until(lambda: browser.look() or browser.says("hand holds nothing"))
 
 
 def test_two_clicks_cut_the_cloth_and_fewer_triangles_are_seen(shown, browser):

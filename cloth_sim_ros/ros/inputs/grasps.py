@@ -10,6 +10,7 @@ import numpy as np
 
 from cloth_sim_ros.ros.inputs.pose_track import PoseTrack
 from cloth_sim_ros.sim import Simulation
+from cloth_sim_ros.sim.scene.handles import extents
 
 
 class Grasps:
@@ -32,16 +33,20 @@ class Grasps:
             return True, f"{handle} holds nothing"
         count = sim.attach(handle)
         if count:
-            return True, f"{handle} holds {count} particles"
+            return True, f"{handle} holds {count} particle{'s' if count > 1 else ''}"
         return False, f"{handle} holds nothing: {self._why(sim, handle)}"
 
     def _why(self, sim: Simulation, handle: str) -> str:
-        position = sim.handle_position(handle)
-        apart = {name: np.linalg.norm(sim.positions(name) - position, axis=1).min() for name in sim.scene.objects}
+        position, only = sim.handle_position(handle), sim.get(f"{handle}.object")
+        objects = [only] if only else sim.scene.objects
+        apart = {name: np.linalg.norm(sim.positions(name) - position, axis=1).min() for name in objects}
         if not apart:
             return "there is no object"
         nearest = min(apart, key=apart.get)
-        return f"the nearest particle is of {nearest}, {apart[nearest]:.3g} m away, or it is pinned or held already"
+        trouble = "is pinned or held already, or lies beside its reach"
+        if apart[nearest] > extents(sim.get(f"{handle}.reach"))[3]:
+            trouble = "lies beyond its reach"
+        return f"the nearest particle is of {nearest}, {apart[nearest]:.3g} m away, and {trouble}"
 
     def tell_empty(self, sim: Simulation, values: Mapping[str, Any]) -> None:
         """Warn of handles that should hold something but have nothing within their reach."""

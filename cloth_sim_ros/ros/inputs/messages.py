@@ -74,6 +74,8 @@ def read_number(message: Float64, what: str) -> float:
 def read_polygon(message: PolygonStamped, frames: Frames) -> list[Vector]:
     """Return the corners of the message's polygon [m] in our frame. Raises Refused."""
     stamp, frame, corners = _stamp(message), message.header.frame_id, []
+    if len(message.polygon.points) < 3:
+        raise Refused("corners", f"its polygon has {len(message.polygon.points)} corners; allowed are 3 or more")
     for p in message.polygon.points:
         corner = Pose(bounded((p.x, p.y, p.z), FARTHEST, "corner", "m"), (0.0, 0.0, 0.0, 1.0))
         corners.append(bounded(frames.pose(corner, frame, stamp).position, FARTHEST, "corner", "m"))

@@ -143,6 +143,8 @@ class Grasp:
 
     def _leaving(self) -> None:
         if self._answer is None or self._answer.done():
+            if self._answer is not None:
+                self._told(self._answer.result().message)
             self.state = "idle"
 
     def _place(self) -> np.ndarray:

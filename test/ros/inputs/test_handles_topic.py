@@ -75,12 +75,13 @@ def test_two_hands_lift_fold_and_lay_down_a_towel(towel, client):
 
 @pytest.mark.long
 def test_an_answer_tells_what_is_held_and_what_is_not(towel, client):
-    assert hold(client, "left", True).message == "left holds 1 particles"
+    assert hold(client, "left", True).message == "left holds 1 particle"
     assert client.set("left.attached", False).successful
     move(client, "left", (0, 0, 3))
     client.spin(0.3)
     answer = hold(client, "left", True)
     assert not answer.success and "left holds nothing: the nearest particle is of towel" in answer.message
+    assert answer.message.endswith("m away, and lies beyond its reach")
     assert client.get("left.attached") is False
     diagnostics = client.listen(DiagnosticArray, "/diagnostics")
     told = {}
