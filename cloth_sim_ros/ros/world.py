@@ -317,7 +317,13 @@ class World:
         report = self.sim.report()
         self._reported.reasons(self.sim)
         self._reported.report(report, self.in_effect)
+        self._reported.stitches(self.broken_stitches(), self.in_effect)
         return report
+
+    def broken_stitches(self) -> dict[str, int]:
+        """Return the number of broken stitches of each seam with a strength."""
+        weak = [seam for seam in self.sim.scene.seams if self.in_effect[f"{seam}.strength"] > 0.0]
+        return {seam: int(self.sim.stitches(seam)[2].sum()) for seam in weak}
 
     def forget_stamps(self) -> None:
         """Let colliders stay and take poses with any stamp, as the clock has gone back."""

@@ -6,10 +6,11 @@ import logging
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from scene_values import COLLIDERS, small, values
+from scene_values import COLLIDERS, NAMED, small, values
 
 from cloth_sim_ros.ros.inputs.pose_track import Pose
 from cloth_sim_ros.ros.outputs.diagnostics import diagnostics
+from cloth_sim_ros.ros.outputs.log import Reported
 from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.time.frame_clock import Pace
 from cloth_sim_ros.ros.world import World
@@ -175,7 +176,12 @@ def test_a_hand_that_should_hold_something_and_does_not_is_told(caplog):
     far |= {name: row.default for name, row in rows.items()} | {"hand.attached": True, "hand.position": (0, 0, 7.0)}
     world = World(far, logging.getLogger("test"))
     assert world.build(world.values)
-    assert "hand holds nothing: the nearest particle is of line, 6 m away" in caplog.text
+    assert "hand holds nothing: the nearest particle is of line, 6 m away, and lies beyond its reach" in caplog.text
+    world.sim.set("hand.object", "sheet")
+    assert "the nearest particle is of sheet, 6.81 m away" in world.grasps.set(world.sim, "hand", True)[1]
+    for corner, said in ((-1, "away, and is pinned or held already"), (0, "hand holds 1 particle")):
+        world.sim.set_handle_pose("hand", world.sim.positions("sheet")[corner], sweep=False)
+        assert said in world.grasps.set(world.sim, "hand", True)[1]
 
 
 def test_a_slider_that_is_moved_does_not_fill_the_log(caplog):
@@ -248,3 +254,32 @@ def test_substeps_that_are_picked_anew_each_second_do_not_fill_the_log(caplog):
         substeps.add(world.sim.choices["sheet"].substeps)
     said = [record.getMessage() for record in caplog.records if record.getMessage().startswith("sheet is computed by")]
     assert len(substeps) > 1 and len(said) == len(set(said)) <= 2, said
+
+
+def test_stitches_that_break_are_counted_in_log_and_diagnostics(caplog):
+    """The rope hangs from a corner of the sheet by a stitch that bears less than its weight."""
+    caplog.set_level(logging.INFO)
+    rows = names.scene_rows({**NAMED, "seams": ("tie",)})
+    tie = {"first": "sheet", "second": "line", "first_particles": (0,), "second_particles": (0,), "strength": 1e-3}
+    given = {name: row.default for name, row in rows.items() if name.startswith("tie.")} | {"seams": ("tie",)}
+    given |= {f"tie.{name}": value for name, value in tie.items()} | {"line.pins": "none"}
+    world = World(small(ball__position=(0, 0, -9), sheet__pins="edges") | given, logging.getLogger("test"))
+    assert world.build(world.values)
+    for _ in range(240):  # the stitch closes first
+        world.advance()
+    for _ in range(2):
+        status = diagnostics("/cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0]
+    assert {each.key: each.value for each in status.values}["tie.broken"] == "1"
+    said = [record.message for record in caplog.records if "stitch" in record.message]
+    assert said == ["1 stitch of tie is broken: loads were larger than tie.strength, 0.001 N"]
+
+
+@pytest.mark.parametrize(("compliance", "level"), [(0.0, logging.WARNING), (0.01, logging.INFO)])
+def test_what_a_soft_finger_lets_in_is_no_warning(caplog, compliance, level):
+    caplog.set_level(logging.INFO)
+    measures = {"max_penetration": 0.006, "particle_penetration": 0.0, "recoveries": 0, "redone": 0}
+    soft = {"ball.compliance": compliance}
+    Reported(logging.getLogger("test")).report({"sheet": measures}, small() | soft)
+    (record,) = caplog.records
+    assert record.levelno == level and "0.006 m deep in a collider between its particles; " in record.message
+    assert ("one with a compliance gives way like that; else more substeps" in record.message) == (compliance > 0.0)

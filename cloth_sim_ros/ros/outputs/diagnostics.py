@@ -83,6 +83,7 @@ def diagnostics(
         if world.sim.scene.wind is not None:
             values["wind.velocity"] = list(world.sim.get("wind.velocity"))  # by topic or parameter, who spoke last
         values |= {f"{name}.held": world.sim.held(name) for name in world.sim.scene.handles}
+        values |= {f"{seam}.broken": count for seam, count in world.broken_stitches().items()}
         values |= {f"{name}.{key}": value for name, each in report.items() for key, value in each.items()}
     status = DiagnosticStatus(name=f"{node_name}: simulation", hardware_id=str(values.get("device", "")))
     status.level, status.message = _verdict(world, pace, paused, report, by_clock)

@@ -45,6 +45,7 @@ class Reported:
         self._recoveries: dict[str, float] = {}
         self._redone: dict[str, float] = {}  # name -> count when it was last logged, so that it is logged rarely
         self._torn: dict[str, float] = {}
+        self._broken: dict[str, int] = {}  # seam -> broken stitches
         self._passing = False  # True once it was logged that objects pass through one another
 
     def say(self, is_good: bool, sentence: str) -> None:
@@ -122,7 +123,8 @@ class Reported:
             if each["redone"] >= max(1, 2 * self._redone.get(name, 0)):
                 self._redone[name] = each["redone"]
                 chosen, remedy = values["solver.substeps"] == 0, "raise solver.substeps, or set it to 0"
-                again = f"{each['redone']} frames of {name} were computed again with more substeps, as it moved hard"
+                count, were = ("1 frame", "was") if each["redone"] == 1 else (f"{each['redone']} frames", "were")
+                again = f"{count} of {name} {were} computed again with more substeps, as it moved hard"
                 self.say(chosen, f"{again}; {'nothing need be done' if chosen else remedy}")
         self.know(report)
 
@@ -158,6 +160,15 @@ class Reported:
                 self._log.info(f"{name} is torn: {torn} of its springs have failed")
             self._torn[name] = torn
 
+    def stitches(self, broken: Mapping[str, int], values: Mapping[str, Any]) -> None:
+        """Report seams of which more stitches have broken; `broken` has their number for each seam that may break."""
+        for seam, count in broken.items():
+            if count > self._broken.get(seam, 0):
+                why = f"loads were larger than {seam}.strength, {values[f'{seam}.strength']:g} N"
+                stitches, are = ("1 stitch", "is") if count == 1 else (f"{count} stitches", "are")
+                self._log.info(f"{stitches} of {seam} {are} broken: {why}")
+            self._broken[seam] = count
+
     def _tell_deep(self, report: Report, values: Mapping[str, Any]) -> None:
         """Report objects that colliders enter between particles."""
         for name, each in report.items():
@@ -166,8 +177,10 @@ class Reported:
                 self._deep.discard(name)
             elif name not in self._deep:
                 self._deep.add(name)
+                yields = any(values[f"{each}.compliance"] for each in (*values["colliders"], *values["grippers"]))
                 remedy = "more substeps, a finer object or a start outside of all colliders help"
-                self._log.warning(f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
+                remedy = f"one with a compliance gives way like that; else {remedy}" if yields else remedy
+                self.say(yields, f"{name} lies {deep:.2g} m deep in a collider between its particles; {remedy}")
 
 
 def _may_meet(sim: Simulation, one: str, other: str) -> bool:
