@@ -2,6 +2,8 @@
 """What the thread that simulates does with values, poses and resets, without any message."""
 
 import logging
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,6 +46,9 @@ def test_the_measured_error_is_in_the_diagnostics():
         each.key: each.value
         for each in diagnostics("cloth_sim", world, Pace(1.0, 1.0, 0.5, 1), False, 0).status[0].values
     }
+    page = (Path(__file__).parents[2] / "docs/reference/ros.md").read_text().split("## Diagnostics")[1].split("##")[0]
+    words = {word.rpartition(".")[2] for word in re.findall(r"`([^`]+)`", page)}
+    assert {key.rpartition(".")[2] for key in told} <= words, "the reference tells all values"
     assert 0.0 < float(told["sheet.error_per_frame"]) < 0.1
     assert 0.0 < float(told["sheet.expected_error"]) < 1.0
 
