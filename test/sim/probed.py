@@ -5,6 +5,7 @@ import numpy as np
 import warp as wp
 
 from cloth_sim_ros.sim.colliders import make_signed_distance, mesh_distance, number_of, shape_of
+from cloth_sim_ros.sim.kernels.compiled import compiled
 
 wp.init()  # before a test gives caches another folder
 
@@ -14,7 +15,7 @@ def signed_distances(collider, points):
     shape = shape_of(collider)
     signed_distance, number = make_signed_distance((shape,)), number_of(shape)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @compiled(module="unique")
     def measure(at: wp.array(dtype=wp.vec3), size: wp.vec3, data: wp.uint64, found: wp.array(dtype=wp.vec4)):
         found[wp.tid()] = signed_distance(wp.static(number), at[wp.tid()], size, data)
 
@@ -29,7 +30,7 @@ def signed_distances(collider, points):
 def of_a_mesh(mesh, points):
     """What its grid says that the distance is not below (N,), and normal and distance (N, 4) by its tree."""
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @compiled(module="unique")
     def measure(
         at: wp.array(dtype=wp.vec3),
         size: wp.vec3,

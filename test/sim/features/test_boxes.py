@@ -14,10 +14,11 @@ from cloth_sim_ros.sim.features.self_contact.boxes import (
     overlap,
     surround,
 )
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.kernels.intrinsics import lowest_bit
 
 
-@wp.kernel
+@compiled
 def _count(boxes: Boxes, panels: int, team: int, found: wp.array2d(dtype=int)):
     t, lane = wp.tid() / team, wp.tid() % team
     w = t / panels

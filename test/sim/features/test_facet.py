@@ -29,7 +29,7 @@ STEP = 1.2e-3  # [m], twice the thickness of cotton
 FARTHEST = 10.0  # thickness [m] with which no distance is only bounded
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def look_at_mesh(
     facets: wp.array(dtype=Facet), size: wp.vec3, data: wp.uint64, steps: int, found: wp.array2d(dtype=float),
 ):  # fmt: skip
@@ -45,7 +45,7 @@ def look_at_mesh(
     found[k, 1] = least
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, found: wp.array2d(dtype=float)):
     """Of each facet: the distance at the point found, and the least of points spread over it [m]."""
     k = wp.tid()
@@ -64,7 +64,7 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     found[k, 1] = least
 
 
-@wp.kernel
+@wp.kernel(enable_backward=False)
 def compare(
     facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, points: wp.array(dtype=wp.vec3),
     found: wp.array2d(dtype=float),

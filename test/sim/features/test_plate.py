@@ -10,6 +10,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.physics.plate import rest_curvature
 from cloth_sim_ros.sim.physics.quaternion import rotate
 from cloth_sim_ros.sim.topology import build, plate
@@ -339,7 +340,7 @@ def test_flat_sheets_have_no_rest_curvature_and_clamps_no_energy():
     assert plate.of_triangles(points, triangles[:1], np.zeros(len(points), bool)) is None
 
 
-@wp.kernel
+@compiled
 def curved_forces(
     x: wp.array(dtype=wp.vec3), stencil: wp.array2d(dtype=int), g: wp.array2d(dtype=float), f: wp.array(dtype=wp.vec3)
 ):
@@ -354,7 +355,7 @@ def curved_forces(
         wp.atomic_add(f, stencil[t, k], term.pull[k] * term.normal)
 
 
-@wp.kernel
+@compiled
 def flat_forces(
     x: wp.array(dtype=wp.vec3),
     v: wp.array(dtype=wp.vec3),

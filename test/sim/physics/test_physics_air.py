@@ -7,6 +7,7 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Simulation, Wind
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.physics.aerodynamics import segment_force, triangle_force
 from cloth_sim_ros.study.closed_forms import sheets
 
@@ -100,7 +101,7 @@ def one_triangle(angle, speed=3.0):
     return corners, speed * np.array((np.cos(angle), 0.0, np.sin(angle)))
 
 
-@wp.kernel
+@compiled
 def triangle_kernel(corners: wp.array(dtype=wp.mat33), wind: wp.array(dtype=wp.vec3), drag: float, lift: float,
                     force: wp.array(dtype=wp.vec4)):  # fmt: skip
     i = wp.tid()
@@ -108,7 +109,7 @@ def triangle_kernel(corners: wp.array(dtype=wp.mat33), wind: wp.array(dtype=wp.v
     force[i] = triangle_force(p[0], p[1], p[2], wind[i], 1.225, drag, lift)
 
 
-@wp.kernel
+@compiled
 def segment_kernel(wind: wp.array(dtype=wp.vec3), force: wp.array(dtype=wp.vec4)):
     i = wp.tid()
     force[i] = segment_force(wp.vec3(0.0), wp.vec3(2.0, 0.0, 0.0), 0.01, wind[i], 1.225, 1.2)

@@ -10,6 +10,7 @@ import pytest
 import warp as wp
 
 from cloth_sim_ros.sim import Rope, Scene, Settings, Simulation, ropes
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.ropes.arrays import NUMBERS
 from cloth_sim_ros.sim.ropes.newton import eliminate
 
@@ -18,7 +19,7 @@ LENGTH = 1.0 / SEGMENTS
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of the six numbers of a symmetric matrix
 
 
-@wp.kernel(enable_backward=False)
+@compiled
 def solve_rows(first: int, count: int, bends: bool, scratch: wp.array(dtype=wp.float64)):
     eliminate(wp.tid(), 0, 0, first, count, bends, scratch)
 

@@ -7,6 +7,7 @@ import trimesh
 import warp as wp
 
 from cloth_sim_ros.sim import Box, Cloth, Mesh, Rope, Scene, Settings, Simulation
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
 from cloth_sim_ros.sim.substeps.control import afforded, fixed_share
 
@@ -179,7 +180,7 @@ def test_substeps_fall_back_when_frames_are_no_longer_computed_again():
     assert substeps_taken(sim, 90)[-1] < max(taken)
 
 
-@wp.kernel
+@compiled
 def afford_each(tests: wp.array(dtype=wp.vec2i), n: int, limits: StepLimits, found: wp.array(dtype=int)):
     whole, half = tests[wp.tid()][0], tests[wp.tid()][1]
     fixed = fixed_share(n, whole, half)

@@ -9,6 +9,7 @@ import warp as wp
 from fixed_settings import fixed
 
 from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.substeps.control import chosen
 
 SHEET = Cloth(resolution=(9, 9), pins="top", thickness=0.045, stretch_compliance=1e-3, shear_compliance=1e-3)
@@ -134,7 +135,7 @@ def test_coupled_bodies_start_anew_as_at_first(device, worlds):
     assert fallen == pytest.approx(0.5 * 9.81 * (6 / 60) ** 2, rel=0.1)
 
 
-@wp.kernel
+@compiled
 def choose_each(rows: wp.array(dtype=wp.vec4), growth: float, found: wp.array(dtype=int)):
     n, share, order, error = int(rows[wp.tid()][0]), rows[wp.tid()][1], rows[wp.tid()][2], rows[wp.tid()][3]
     found[wp.tid()] = chosen(n, share, order, growth, 4, 2000, error)
