@@ -8,11 +8,13 @@ SCENE = """
 /**:
   ros__parameters:
     objects: [cloth]
+    colliders: [far]
     handles: [hand]
     cloth:
       {type: cloth, resolution: [6, 5], size: [0.5, 0.4], pins: top, position: [0, 0, 2], damping: 0.01, tear_strain: 9,
        bending: dihedral, bend_compliance: 76900.0}
     hand: {reach: [0.03], position: [0.4, 0, 1]}
+    far: {shape: sphere, dimensions: [1.0], position: [0, 0, -9]}
     wind: {enabled: true}
     solver: {global_damping: 2.0}
 """

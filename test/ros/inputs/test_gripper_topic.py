@@ -18,7 +18,8 @@ SWATCH = """
     grippers: [hand]
     gravity: [0.0, 0.0, 0.0]
     swatch: {type: cloth, resolution: [4, 4], size: [0.03, 0.03], mass: 0.05, thickness: 0.002, pins: none,
-             orientation: [0.7071068, 0, 0, 0.7071068], static_friction: 0.8, kinetic_friction: 0.8}
+             orientation: [0.7071068, 0, 0, 0.7071068], static_friction: 0.8, kinetic_friction: 0.8,
+             bending: dihedral, bend_compliance: 1000.0}
     hand: {finger_size: [0.1, 0.02, 0.1], opening: 0.03, compliance: 0.02, position: [0.0, 0.0, 0.0]}
     solver: {substeps: 20, method: xpbd}
 """
