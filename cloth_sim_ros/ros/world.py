@@ -20,7 +20,7 @@ from cloth_sim_ros.ros.inputs.winches import Winches
 from cloth_sim_ros.ros.journal import Journal
 from cloth_sim_ros.ros.outputs.log import Reported
 from cloth_sim_ros.ros.parameters import names
-from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
+from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, broken_seams, check_solver
 from cloth_sim_ros.ros.parameters.plan import Plan, make_plan, placed
 from cloth_sim_ros.ros.state_notes import live_values, notes_of, read_notes
 from cloth_sim_ros.ros.time.compiling import Compiling
@@ -68,11 +68,13 @@ class World:
         try:
             plan = make_plan(values)
             broken = broken_meshes(plan, plan.scene.objects)
-            for sentence in (*plan.problems.values(), *broken.values()):
+            plan = plan.without(broken)
+            unsewn = broken_seams(plan)
+            for sentence in (*plan.problems.values(), *broken.values(), *unsewn.values()):
                 self._log.error(f"{sentence}; it is left out until that is mended")
             tracks = self._tracks_with(plan)
             drivers = self.grippers.prepare(plan.grippers, tracks)
-            plan = plan.without(broken).with_poses({name: track.pose for name, track in tracks.items()})
+            plan = plan.without(unsewn).with_poses({name: track.pose for name, track in tracks.items()})
             check_solver(plan)
             sim = Simulation(plan.scene, plan.settings, device=plan.device)
             sim.step()  # compiles what is left to compile, so that no later frame waits for it

@@ -11,6 +11,7 @@ from cloth_sim_ros.ros.parameters.plan import Plan
 from cloth_sim_ros.sim.access.live import compliances_of
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 from cloth_sim_ros.sim.topology import build as build_topology
+from cloth_sim_ros.sim.topology.seams import stitches_of
 
 MOST_SWEEPS = 100_000  # a frame: beyond it a frame of a small cloth takes seconds
 
@@ -24,6 +25,18 @@ def broken_meshes(plan: Plan, names: Iterable[str]) -> dict[str, str]:
                 build_topology(plan.scene.objects[name], name, False)
             except ValueError as error:
                 broken[name] = str(error)
+    return broken
+
+
+def broken_seams(plan: Plan) -> dict[str, str]:
+    """Return name -> why the seam cannot be sewn, in one sentence, of a plan whose meshes are sound."""
+    sewn = {each: build_topology(plan.scene.objects[each], each, False) for each in plan.scene.sewn}
+    broken = {}
+    for name, seam in plan.scene.seams.items():
+        try:
+            stitches_of(name, seam, 0, sewn[seam.first], sewn[seam.second])
+        except ValueError as error:
+            broken[name] = str(error)
     return broken
 
 

@@ -43,10 +43,11 @@ class Plan:
     frame_id: str = "world"
 
     def without(self, names: Container[str]) -> Plan:
-        """Return the plan without the objects of these names."""
+        """Return the plan without the objects and seams of these names."""
         objects = {name: thing for name, thing in self.scene.objects.items() if name not in names}
         constraints = {name: each for name, each in self.scene.constraints.items() if each.object in objects}
-        seams = {name: each for name, each in self.scene.seams.items() if {each.first, each.second} <= objects.keys()}
+        whole = {name: each for name, each in self.scene.seams.items() if name not in names}
+        seams = {name: each for name, each in whole.items() if {each.first, each.second} <= objects.keys()}
         handles = {name: each for name, each in self.scene.handles.items() if each.object in ("", *objects)}
         things = {"objects": objects, "constraints": constraints, "seams": seams, "handles": handles}
         return replace(self, scene=replace(self.scene, **things))

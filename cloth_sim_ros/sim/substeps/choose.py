@@ -141,7 +141,10 @@ def _xpbd(
         substeps = least = most = fewest = settings.substeps
         reason += f" in {substeps} x {iterations}"
     else:
-        reason += f" in {least} to {most} substeps, as its measured error asks"
+        bounds = f"{least} to {most} substeps, as its measured error asks" if least < most else f"{most} substeps"
+        reason += f" in {bounds}"
+        if least == most <= paid:
+            reason += ", the most that it may take"
         if most > paid:
             reason += f"; the budget pays {paid}, with which its frames would gain energy"
     if least < static:
@@ -155,8 +158,9 @@ def _xpbd(
         fewest = min(least, math.ceil(max(fewest, smooth, bending, loose if topology.coupling is None else steady)))
     else:
         fewest = least
-    bounds = (substeps, iterations, settings.error, reason, least, most)
-    return Choice("xpbd", order, *bounds, 1, share, around.surface, test, fewest)
+    return Choice(
+        "xpbd", order, substeps, iterations, settings.error, reason, least, most, 1, share, around.surface, test, fewest
+    )
 
 
 def _corrected(

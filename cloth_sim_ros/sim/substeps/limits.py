@@ -110,7 +110,7 @@ def _substeps_for(topology: Topology, largest: float, length: float, damping: fl
     """Minimum substeps of a frame, for omega^2 of the fastest mode `largest` [1/s^2] and mean spring `length` [m]."""
     if largest == 0.0:
         return 1.0
-    if (length * _ROUNDING) ** 2 * largest**1.5 / 8.0 > _HEAT:
+    if (length * _ROUNDING) ** 2 * largest * math.sqrt(largest) / 8.0 > _HEAT:
         return math.inf
     longest = 4.0 / largest / (damping + math.sqrt(damping**2 + 4.0 / largest))
     share = _SHARE if len(topology.triangles) else _SHARE_OF_LINES

@@ -15,6 +15,7 @@ cloth_sim:
   ros__parameters:
     objects: [cloth, torn, cable, silky, "two words", cloth, LONG, "new\\nline"]
     colliders: [ball, cloth]
+    seams: [hem]
     rate: 60                              # a whole number for a decimal
     gravity: [0, 0, -9.81]                # both in one list
     wind: {enabled: "windy"}
@@ -30,6 +31,7 @@ cloth_sim:
     torn: {mesh: /nowhere/shirt.obj}
     cable: {type: rop, segments: 4}
     silky: {material: silk, resolution: [3, 3], thickness: -1, density: 3, sise: [2, 2]}
+    hem: {first: cloth, second: silky, first_particles: [2000], second_particles: [0]}
     ball: {shape: cube, dimensions: [[1, 2], [3, 4]], position: [0, 0, five]}
     solver: {substeps: 20.0, iterations: many}
 """
@@ -53,6 +55,7 @@ SENTENCES = [
     "torn.mesh is '/nowhere/shirt.obj'; no such file is in '/nowhere', which is no folder; allowed are .obj, .off, "
     ".ply, .stl, .glb and what else trimesh reads; it is left out until that is mended",
     "cable.type is 'rop'; allowed is one of cloth, rope; it is left out until that is mended",
+    "hem.first_particles has 2000; allowed is 0 to 1023, those of cloth; it is left out until that is mended",
     "silky.thickness is -1; allowed is a finite number from 0 to 1 [m]; using that of the material, 7.5e-05",
     "there is no parameter silky.density. Its value is ignored",
     "ball.shape is 'cube'; allowed is one of plane, sphere, capsule, box",
