@@ -53,6 +53,17 @@ _MOST_WORLDS = 65536
 _PASSING, _PASSING_ROPE = 6.0, 1.2
 
 
+def _missed(error: float, wanted: float, is_bounded: bool) -> str:
+    """Return the end of a reason: which error is missed, if any, and what helps. is_bounded: by the budget."""
+    if is_bounded:
+        missed = f"its error is {error:.2g} instead of {wanted:g}; a larger solver.budget or solver.error helps"
+        return f"; the budget allows no more substeps, so {missed}"
+    if error > wanted:
+        missed = f"its error was {error:.2g} instead of {wanted:g} in the last half second, from folds or sudden motion"
+        return f"; {missed}; a set solver.substeps helps against the latter"
+    return ""
+
+
 class Bodies:
     """The objects of `scene`, in batches that share a kernel.
 
@@ -443,10 +454,8 @@ class Bodies:
                 substeps, reason = batch.substeps(b), choice.reason
                 if substeps < choice.least:
                     reason += f"; contact leaves it {substeps} of at least {choice.least} substeps, so it is softer"
-                if batch.falls_short(b, self.settings.error) and not self.settings.substeps:
-                    missed = f"its error is {error:.2g} instead of {self.settings.error:g}"
-                    reason += "; the budget allows no more substeps, so " + missed
-                    reason += "; a larger solver.budget or solver.error helps"
+                if not self.settings.substeps:
+                    reason += _missed(error, self.settings.error, batch.falls_short(b, self.settings.error))
                 found[name] = replace(choice, substeps=substeps, error=error, reason=reason)
         return found
 
