@@ -205,15 +205,17 @@ def parted_by(pressed: float, overlap: float, n: wp.vec3, sweep: Sweep) -> wp.ve
 
 
 def make_leave(features: Features):
-    """Return a Warp function that applies the colliders' result to particle i."""
+    """Return a Warp function that applies the result of colliders to particle i; one of them moves by `motion` [m]."""
 
     @wp.func
-    def leave(i: int, displacement: wp.vec3, push: Push, met: Met, ctx: Context):
+    def leave(i: int, displacement: wp.vec3, push: Push, motion: wp.vec3, met: Met, ctx: Context):
         packed = load4(ctx.d, i)
         w = packed[3]
         if wp.static(features.leans):
             ctx.state.rope.solved[met.slot] += displacement - xyz(packed)
         store4(ctx.d, i, pack(displacement, w))
+        if wp.static(features.coupled):
+            store_row(ctx.state.self_contact.grounds, met.slot, pack(motion, 1.0))
         if wp.static(features.order == 2):
             if push.pressed > 0.0:
                 moved = displacement - xyz(load4(ctx.position_lo, i)) - parted_of(i, ctx)
@@ -263,7 +265,7 @@ def make_touch(features: Features):
         if w <= wp.static(least) * row[3]:
             return CLOSE
         position, displacement = xyz(row), xyz(packed)
-        close, touched, push, parted = bool(False), bool(False), Push(), wp.vec3(0.0)
+        close, touched, push, parted, ground = bool(False), bool(False), Push(), wp.vec3(0.0), wp.vec3(0.0)
         stray = strays(met.near, position + displacement, displacement)
         c = next_of(-1, met.near, stray)
         while c < ctx.colliders.shape[0]:
@@ -310,6 +312,7 @@ def make_touch(features: Features):
                     counts = wp.transpose(sweep.to_local) * pushed - wp.where(ctx.last, part, wp.vec3(0.0))
                     add_force(entry, (met.share / w) * counts, ctx)
                     touched = True
+                    ground = sweep.motion
                     touch = float(ctx.substep + 2)
                     if stray:
                         note(c, met.near)
@@ -323,7 +326,7 @@ def make_touch(features: Features):
             c = next_of(c, met.near, stray)
         note_parted(i, parted, ctx)
         if touched:
-            leave(i, displacement, push, met, ctx)
+            leave(i, displacement, push, ground, met, ctx)
         return wp.where(close, CLOSE, 0) + wp.where(touched, TOUCHED, 0)
 
     return contact
@@ -351,6 +354,8 @@ def make_contact(features: Features):
     @wp.func
     def contact(i: int, met: Met, ctx: Context):
         width = NEARBY * ctx.body.gap
+        if wp.static(features.coupled):
+            store_row(ctx.state.self_contact.grounds, met.slot, wp.vec4(0.0))
         found = touch(i, met, ctx, width)
         if wp.static(features.surface):
             if ctx.step.first:

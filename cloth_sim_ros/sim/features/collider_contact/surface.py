@@ -374,13 +374,14 @@ def make_yield(features: Features):
         w = packed[3]
         if w <= wp.static(least) * load4(ctx.x, i)[3]:
             return
-        touched, push, displacement, parted = bool(False), Push(), xyz(packed), wp.vec3(0.0)
+        touched, push, displacement = bool(False), Push(), xyz(packed)
+        parted, motion = wp.vec3(0.0), wp.vec3(0.0)
         if wp.static(features.leans):
             push = leaned(i, w, met, ctx)
         marks = ctx.state.contact.pressed[met.slot]
         if marks & PRESSED == 0:
             if push.pressed > 0.0:
-                leave(i, displacement, push, met, ctx)
+                leave(i, displacement, push, (1.0 / push.pressed) * push.motion, met, ctx)
             return
         ctx.state.contact.pressed[met.slot] = MOVED
         ctx.state.contact.facets_moved_in[ctx.body.index] = ctx.substep + 1
@@ -395,13 +396,14 @@ def make_yield(features: Features):
                 entry = met.slot * ctx.colliders.shape[0] + c
                 add_force(entry, (met.share / w) * correction, ctx)
                 touched = True
+                motion = ctx.state.contact.sweeps[ctx.sweep + c].motion
                 if wp.static(features.order == 2):
-                    n, motion = wp.normalize(found.normal), ctx.state.contact.sweeps[ctx.sweep + c].motion
+                    n = wp.normalize(found.normal)
                     push = with_push(push, n, wp.dot(correction, n), motion, entry)
             c = next_of(c, met.near, False)
         if touched:
             note_parted(i, parted, ctx)
-            leave(i, displacement, push, met, ctx)
+            leave(i, displacement, push, motion, met, ctx)
             # Its facets may have moved the particle into a collider, so its own contact acts last.
             met.carries = False
             touch(i, met, ctx, 0.0)

@@ -17,6 +17,7 @@ class SelfContactState:
     path_velocities: wp.array(dtype=wp.vec3)  # (N,) velocity along that path [m/s]
     off_path: wp.array(dtype=float)  # (N,) distance from the path, now or when the substep ends [m]
     pair_corrections: wp.array(dtype=wp.int64)  # (ASKED N,) corrections that pairs ask for, see solve.py
+    grounds: wp.array(dtype=wp.vec4)  # (N,) displacement of a collider that touches it in this substep [m], and 1
     ways_given_up: wp.array(dtype=float)  # (N,) share of its displacement that a particle gives up, see ccd_clamp.py
 
 

@@ -5,7 +5,8 @@ Two parts begin a substep on opposite sides of the plane between their nearest p
 sides of some plane of that direction. Otherwise each particle stops on its own side of the starting plane (divide and
 truncate, Chen et al. 2025, Offset geometric contact). Paths are straight, so nothing crosses on the way either.
 
-If nothing is pinned, planes move at the mean velocity of all bodies. A group that flies as a whole is not slowed.
+If nothing is pinned, planes move at the mean velocity of all bodies. A group that flies as a whole is not slowed. Where
+a particle that has to stop lies on a collider, they move with that collider: it would else be pushed into it.
 """
 
 import warp as wp
@@ -21,13 +22,14 @@ from cloth_sim_ros.sim.kernels.intrinsics import load_row, store_row, xyz
 ROUNDS = 64  # largest number of rounds: a particle that stops may block others; each round mends its pairs for good
 _ROUNDING = wp.constant(1.0e-6)  # rounding error as a fraction of a displacement
 _SPEED = wp.constant(wp.int64(1 << 24))  # integer units per m/s in sums of velocities
+_MOTION = wp.constant(float(1 << 40))  # integer units per metre in sums of displacements
 _LEFT = wp.constant(0.1)  # fraction of the distance of two parts that no substep takes away
 _PARALLEL = wp.constant(0.01)  # sine of the angle of two edges below which they count as parallel
 _LEAST = wp.constant(0.05)  # smallest distance of two parts, as a fraction of the distance that they are kept apart
 
 
 @wp.func
-def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
+def _mean_way(members: Members, pairs: Pairs, w: int) -> wp.vec3:
     """Return the mean displacement of all particles of world w in a substep [m]; 0 if any is pinned."""
     if pairs.sums[w, 3] > wp.int64(0):
         return wp.vec3(0.0)
@@ -38,6 +40,15 @@ def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
         dt = dt_of(surface)
     scale = dt / (float(_SPEED) * count)
     return scale * wp.vec3(float(pairs.sums[w, 0]), float(pairs.sums[w, 1]), float(pairs.sums[w, 2]))
+
+
+@wp.func
+def _carried(members: Members, pairs: Pairs, w: int) -> wp.vec3:
+    """Return the displacement of planes in this substep [m]."""
+    if pairs.sums[w, 8] == wp.int64(0):
+        return _mean_way(members, pairs, w)
+    scale = 1.0 / (_MOTION * float(pairs.sums[w, 7]))
+    return scale * wp.vec3(float(pairs.sums[w, 4]), float(pairs.sums[w, 5]), float(pairs.sums[w, 6]))
 
 
 @compiled
@@ -90,19 +101,24 @@ def _direction(is_corner: bool, m: wp.vec4, b: wp.vec3, c: wp.vec3, d: wp.vec3, 
 
 
 @wp.func
-def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, round: int):
-    """Ask a particle to go no further than `room` [m]."""
+def _ask(surface: Surface, i: int, goes: float, room: float, pairs: Pairs, w: int, round: int):
+    """Ask a particle of world w to go no further than `room` [m]."""
     d = load_row(surface.displacements, i)
     moves = goes > wp.max(room, 0.0) + wp.static(_ROUNDING) * wp.length(xyz(d)) and d[3] > 0.0
     if moves:
         wp.atomic_max(surface.ways_given_up, i, 1.0 - wp.max(room, 0.0) / goes)
         pairs.rounds[round] = 1
+        ground = load_row(surface.grounds, i)
+        if ground[3] > 0.0 and pairs.sums[w, 3] + pairs.sums[w, 8] == wp.int64(0):
+            for k in range(3):
+                wp.atomic_add(pairs.sums, w, 4 + k, wp.int64(ground[k] * _MOTION))
+            wp.atomic_add(pairs.sums, w, 7, wp.int64(1))
 
 
 @wp.func
 def measure(members: Members, pairs: Pairs, p: int, w: int):
     """Measure how far panel p of world w goes in this substep, before the clamp."""
-    panel, longest, carried = panel_of(members, p, w), float(0.0), _carried(members, pairs, w)
+    panel, longest, carried = panel_of(members, p, w), float(0.0), _mean_way(members, pairs, w)
     for q in range(3):
         longest = wp.max(longest, wp.length(_way(members.surfaces[panel.surface], panel.corners[q], carried)))
     pairs.ranges[w * members.panels.shape[0] + p] = longest
@@ -112,11 +128,12 @@ def measure(members: Members, pairs: Pairs, p: int, w: int):
 def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
     """Find the share by which particles of world w shorten their displacements; thread t of `width`."""
     carried, of_world = _carried(members, pairs, w), w * members.panels.shape[0]
+    more = 2.0 * wp.length(carried - _mean_way(members, pairs, w))  # of the ways that `measure` found
     for k in range(t, wp.min(pairs.counts[w, 1], pairs.parts.shape[1]), width):
         least, panels = pairs.starts[w, k], pairs.panels[w, k]
         left = wp.max(wp.static(_LEFT) * least, wp.static(_LEAST) * pairs.kept[w, k])
         longest = pairs.ranges[of_world + panels[0]] + pairs.ranges[of_world + panels[1]]
-        if longest <= least - left:
+        if longest + more <= least - left:
             continue
         pair = pair_of(members, pairs, w, k)
         is_corner = pairs.parts[w, k][0] >= 0
@@ -141,7 +158,8 @@ def _find(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int
             ends[part] = wp.min(ends[part], offs[q] - goes[q])
         if ends[0] + ends[1] < left:
             for q in range(4):
-                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], offs[q] - 0.5 * left, pairs, round)
+                room = offs[q] - 0.5 * left
+                _ask(members.surfaces[pair.surfaces[q]], pair.particles[q], goes[q], room, pairs, w, round)
 
 
 @wp.func
@@ -163,6 +181,23 @@ def _shorten(surface: Surface, i: int, carried: wp.vec3):
         store_row(surface.velocities, i, wp.vec4(moved[0], moved[1], moved[2], v[3]))
 
 
+@wp.func
+def _shorten_all(members: Members, pairs: Pairs, w: int, t: int, width: int, round: int):
+    """Shorten displacements in world w, or let its planes move with the colliders that were found from now on."""
+    found, since = pairs.sums[w, 7], pairs.sums[w, 8]
+    anew = found > wp.int64(0) and (since == wp.int64(0) or since == wp.int64(round + 1))
+    if anew and t == 0:
+        pairs.sums[w, 8] = wp.int64(round + 1)
+    carried = _carried(members, pairs, w)
+    for b in range(members.batches):
+        surface = surface_of(members, b, w)
+        for i in range(t, surface.positions.shape[0], width):
+            if anew:
+                surface.ways_given_up[i] = 0.0
+            else:
+                _shorten(surface, i, carried)
+
+
 @cooperative
 def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup):
     """Shorten the displacements of all particles until no pair asks for more."""
@@ -171,6 +206,10 @@ def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup)
     number = number_of(wp.tid(), group)
     team = number / group.width
     t = number - team * group.width
+    for w in range(team, members.worlds, group.teams):
+        if t < 5:
+            pairs.sums[w, 4 + t] = wp.int64(0)
+    sync_all(group)
     for round in range(rounds):
         for w in range(team, members.worlds, group.teams):
             _find(members, pairs, w, t, group.width, round)
@@ -178,11 +217,7 @@ def _bound(members: Members, pairs: Pairs, rounds: int, group: CooperativeGroup)
         if pairs.rounds[round] == 0:
             return
         for w in range(team, members.worlds, group.teams):
-            carried = _carried(members, pairs, w)
-            for b in range(members.batches):
-                surface = surface_of(members, b, w)
-                for i in range(t, surface.positions.shape[0], group.width):
-                    _shorten(surface, i, carried)
+            _shorten_all(members, pairs, w, t, group.width, round)
         sync_all(group)
 
 

@@ -53,8 +53,10 @@ class Pairs:
     clock: (6,) see above. step: length of the substeps that it counts [s]. ways: paths of all panels of all worlds.
     ranges: how far panels go in this substep [m]. off: largest distance of their corners from their paths [m]. astray:
     True if a panel needs a search for that. failed: True if a panel is torn. balls, drifts: center and radius of the
-    ball around a panel and all that it may touch, and the displacement of that ball [m]. sums: (W, 4) sum of all
-    velocities when the frame began, in integers, and 1 if a particle is pinned. rounds: (64,) 1 if the clamp shortened
+    ball around a panel and all that it may touch, and the displacement of that ball [m]. sums: (W, 9) sum of all
+    velocities when the frame began, in integers, and 1 if a particle is pinned; then of this substep the sum of the
+    displacements of colliders below particles that have to stop, their number, and 1 + the round from which on these
+    count. rounds: (64,) 1 if the clamp shortened
     a displacement in that round.
 
     folded: (2,) 1 if parts of one body may touch, now and in the frame before (see early_out.py). turns: (W x B,)

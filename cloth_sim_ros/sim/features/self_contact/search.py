@@ -255,7 +255,7 @@ class Search:
             "counts": (worlds, 2),
             "clock": 6,
             "step": 1,
-            "sums": (worlds, 4),
+            "sums": (worlds, 9),
             "rounds": ROUNDS,
         }
         shapes |= {"folded": 2, "turns": worlds * len(members.bodies)}

@@ -38,6 +38,7 @@ class Surface:
     path_velocities: wp.array(dtype=wp.vec3)
     pair_corrections: wp.array(dtype=wp.int64)
     off_path: wp.array(dtype=float)
+    grounds: wp.array(dtype=wp.vec4)
     ways_given_up: wp.array(dtype=float)
     stitches: wp.array(dtype=wp.vec3)
 
