@@ -124,6 +124,23 @@ def test_a_stitch_feels_the_load_of_its_rope_while_the_substeps_change(device, a
     np.testing.assert_allclose(forces[5:], loads[5:], atol=0.03 * loads[-1])
 
 
+@pytest.mark.parametrize("substeps", [0, 10])
+def test_a_seam_that_closes_elsewhere_changes_no_load(device, substeps):
+    upper = Rope.of("nylon rope", start=(0.5, 0.0, 1.0), end=(0.5, 0.0, 0.9), segments=4, pins="start")
+    lower = Rope.of("nylon rope", start=(0.5, 0.0, 0.9), end=(0.5, 0.0, 0.7), segments=6, pins=None, end_mass=0.3)
+    sheet = {"resolution": (7, 7), "size": (0.2, 0.2), "orientation": UPRIGHT}
+    over = Cloth.of("cotton", position=(0.0, 0.0, 1.0), pins="top", **sheet)
+    under = Cloth.of("cotton", position=(0.0, 0.0, 0.6), pins="none", **sheet)
+    seams = {"knot": Seam("upper", "lower", (4,), (0,)), "closes": Seam("over", "under", (0, 6), (42, 48))}
+    objects = {"upper": upper, "lower": lower, "over": over, "under": under}
+    sim = Simulation(Scene(objects, seams=seams), Settings(substeps=substeps), device)
+    weight = GRAVITY * sim.masses("lower").sum()
+    for _ in range(60):
+        sim.step()
+        assert np.linalg.norm(sim.stitches("knot")[1]) == pytest.approx(weight, rel=0.03)
+    assert np.linalg.norm(sim.stitches("closes")[0], axis=1).max() < 1e-4
+
+
 def test_a_stitch_breaks_at_its_strength_and_heals_by_a_reset(device):
     strength, kilograms = 5.0, 0.51
     upper = Rope(start=(0.0, 0.0, 1.0), end=(0.0, 0.0, 0.8), segments=8, pins="start", mass=0.01)

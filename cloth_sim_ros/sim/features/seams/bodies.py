@@ -58,14 +58,16 @@ def is_rope(arrays: SewnArrays) -> bool:
 class Stitch:
     """One stitch between two points, each on the line between two particles.
 
-    batches, bodies: of each point, and the number of its body there. seconds: 1 for second order. particles: in the
-    arrays of these batches, two of the first point and two of the second. shares: of the second of each two. rope: the
-    first and last particle of the rope that it slides along, or -1. held: the point, 0 or 1, at a rope whose solve
-    takes the stitch, or -1: none or both are ropes. number: in SeamState of its first batch. row: of the live numbers.
+    batches, bodies: of each point, and the number of its body there. sewn: that body in Seams.bodies. seconds: 1 for
+    second order. particles: in the arrays of these batches, two of the first point and two of the second. shares: of
+    the second of each two. rope: the first and last particle of the rope that it slides along, or -1. held: the point,
+    0 or 1, at a rope whose solve takes the stitch, or -1: none or both are ropes. number: in SeamState of its first
+    batch. row: of the live numbers.
     """
 
     batches: wp.vec2i
     bodies: wp.vec2i
+    sewn: wp.vec2i
     seconds: wp.vec2i
     particles: wp.vec4i
     shares: wp.vec2
@@ -79,25 +81,27 @@ class Stitch:
 class Seams:
     """All stitches of all worlds.
 
-    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each
-    sewn body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch
-    may reach, its number there, its body, and 1 for second order. firsts: (batches,) the place of the first
-    particle of a batch among all. moves: sums of displacements that stitches ask for, three for each particle of
-    each world. counts: stitches at each of them. closing: (worlds,) 1 if a stitch closes in this substep. sharing:
-    (worlds,) 1 if a particle has several of them now. inverses: the inverse mass of each with all that its ways drag
-    along [1/kg]. starts: its displacement without stitches [m]. released: the same as its ways then move it. holds:
-    (n,) stitches that a rope's solve takes, for each touched particle those that may be at it. hold_starts: (T + 1,)
-    offsets into them.
+    arrays: (batches x worlds,), all worlds of the first batch first. stitches: (S,). bodies: (B,) batch of each sewn
+    body, its number there, and 1 if it is of second order. touched: (T,) batch of each particle that a stitch may
+    reach, its number there, its body, and 1 for second order. owners: (T,) its body in `bodies`. firsts: (batches,) the
+    place of the first particle of a batch among all. moves: sums of displacements that stitches ask for, three for each
+    particle of each world. counts: stitches at each of them. closing: (worlds B,) 1 if a stitch of that body closes in
+    this substep. sharing: (worlds,) 1 if a particle has several of them now. inverses: the inverse mass of each with
+    all that its ways drag along [1/kg]. starts: its displacement without stitches [m]. released: the same as its ways
+    then move it. holds: (n,) stitches that a rope's solve takes, for each touched particle those that may be at it.
+    hold_starts: (T + 1,) offsets into them.
 
     ways: (W,) first and end of its beads. way_starts: (T + 1,) those of a touched particle. beads: (n,) particle in its
     batch, and slot of the spring to it. pulls: (worlds n,) unit vector of that spring, and the mass behind it [kg].
-    rests: (worlds n,) multiplier that the spring gains while its near end stays [kg m].
+    rests: (worlds n,) multiplier that the spring gains while its near end stays [kg m]. stiffs: (worlds n,) of a rope,
+    the mass of that segment and what is behind it, seen from its near end [kg].
     """
 
     arrays: wp.array(dtype=SewnArrays)
     stitches: wp.array(dtype=Stitch)
     bodies: wp.array(dtype=wp.vec3i)
     touched: wp.array(dtype=wp.vec4i)
+    owners: wp.array(dtype=int)
     firsts: wp.array(dtype=int)
     moves: wp.array(dtype=wp.int64)
     counts: wp.array(dtype=int)
@@ -113,6 +117,7 @@ class Seams:
     beads: wp.array(dtype=wp.vec2i)
     pulls: wp.array(dtype=wp.vec4)
     rests: wp.array(dtype=float)
+    stiffs: wp.array(dtype=wp.mat33d)
     particles: int
     worlds: int
 
@@ -132,7 +137,7 @@ def seams_of(
     worlds, bodies = len(batches[0]), [arrays[0].model.bodies.numpy() for arrays in batches]
     sizes = [arrays[0].state.positions.shape[0] for arrays in batches]
     every = worlds * sum(sizes)
-    shapes = {"moves": 3 * every, "closing": worlds, "sharing": worlds}
+    shapes = {"moves": 3 * every, "closing": worlds * len(homes), "sharing": worlds}
     seams = allocated(Seams, device, **shapes, **dict.fromkeys(("counts", "inverses", "starts", "released"), every))
     stitches, used, numbers = [], [], [0] * len(batches)
     ropes = np.array([arrays[0].state.rope.sewn.shape[0] > 0 for arrays in batches])
@@ -140,6 +145,7 @@ def seams_of(
         for each in topologies[name].stitches:
             rows = _rows(each, (batch, body), homes[each.other], bodies, numbers[batch])
             rows["seconds"] = np.array(orders)[rows["batches"]] - 1
+            rows["sewn"] = [list(homes).index(each) for each in (name, each.other)]
             rows["held"] = {(True, False): 0, (False, True): 1}.get(tuple(ropes[rows["batches"][0]]), -1)
             numbers[batch] += len(rows)
             stitches.append(rows)
@@ -150,12 +156,17 @@ def seams_of(
                 first, count = (bodies[other][number][part] for part in ("particles", "count"))
                 used.append([(other, first + k, number, orders[other] - 1) for k in range(count)])
     seams.arrays = wp.array([_arrays_of(each) for arrays in batches for each in arrays], SewnArrays, device=device)
-    every_stitch = np.concatenate(stitches)
+    every_stitch = _taken_alone(np.concatenate(stitches))
     seams.stitches = wp.array(every_stitch, dtype=Stitch, device=device)
-    sewn = [(*home, orders[home[0]] - 1) for home in homes.values()]
+    sewn, place = (
+        [(*home, orders[home[0]] - 1) for home in homes.values()],
+        {h: k for k, h in enumerate(homes.values())},
+    )
     seams.bodies = wp.array(np.array(sewn, np.int32), dtype=wp.vec3i, device=device)
     touched = np.unique(np.concatenate(used), axis=0).astype(np.int32)
     seams.touched = wp.array(touched, dtype=wp.vec4i, device=device)
+    owners = [place[batch, body] for batch, _, body, _ in touched.tolist()]
+    seams.owners = wp.array(owners, dtype=int, device=device)
     held = [_held_at(every_stitch, batch, particle) for batch, particle, *_ in touched.tolist()]
     seams.holds = wp.array(np.concatenate(held), dtype=int, device=device)
     seams.hold_starts = wp.array(np.cumsum([0, *map(len, held)]), dtype=int, device=device)
@@ -164,6 +175,16 @@ def seams_of(
     seams.firsts = wp.array(np.cumsum([0, *sizes[:-1]]), dtype=int, device=device)
     seams.particles, seams.worlds = sum(sizes), worlds
     return seams
+
+
+def _taken_alone(stitches: np.ndarray) -> np.ndarray:
+    """Return stitches of which no rope takes those at particles that others move, too: these would fight."""
+    ends = np.stack([np.repeat(stitches["batches"], 2, axis=1), stitches["particles"]], axis=-1).reshape(-1, 2, 2, 2)
+    held, rows = stitches["held"], np.arange(len(stitches))
+    moved = {tuple(end) for end in ends[held < 0].reshape(-1, 2).tolist()}
+    both = [any(tuple(end) in moved for end in each) for each in ends[rows, np.maximum(held, 0)].tolist()]
+    stitches["held"] = np.where(both, -1, held)
+    return stitches
 
 
 def _held_at(stitches: np.ndarray, batch: int, particle: int) -> np.ndarray:
@@ -201,6 +222,7 @@ def _add_ways(seams: Seams, touched: np.ndarray, begins: np.ndarray, batches, to
     worlds = len(batches[0])
     seams.pulls = wp.zeros(worlds * len(beads), dtype=wp.vec4, device=device)
     seams.rests = wp.zeros(worlds * len(beads), dtype=float, device=device)
+    seams.stiffs = wp.zeros(worlds * len(beads), dtype=wp.mat33d, device=device)
 
 
 def _ways_of(topology: Topology, sewn: Sequence[int], begins: Sequence[bool]) -> list[list[list[int]]]:

@@ -33,6 +33,7 @@ from cloth_sim_ros.sim.features.seams.stitch import (
     COMPLIANCE,
     SPEED,
     STRENGTH,
+    Tie,
     across,
     gap_of,
     length_of,
@@ -77,14 +78,25 @@ def _begin(seams: Seams, s: int, w: int, first: bool, last: bool):
         if tie.weights[k] != 0.0:
             if wp.atomic_add(seams.counts, number_of_particle(seams, stitch, tie, k, w), 1) > 0:
                 seams.sharing[w] = 1
-    if now[1] == CLOSES and not last:
-        seams.closing[w] = 1
+    if now[1] == CLOSES and not last and _moves(seams, tie):
+        for k in range(2):
+            seams.closing[w * seams.bodies.shape[0] + stitch.sewn[k]] = 1
 
 
 @wp.func
-def _leaves(seams: Seams, w: int, last: bool) -> bool:
-    """True if sewn particles move alone: at the end, and while a stitch closes, which colliders then hinder less."""
-    return last or seams.closing[w] != 0
+def _moves(seams: Seams, tie: Tie) -> bool:
+    """True if a stitch can move any of its particles."""
+    moves = bool(False)
+    for k in range(4):
+        if tie.weights[k] != 0.0 and load_row(seams.arrays[tie.arrays[k / 2]].displacements, tie.particles[k])[3] > 0.0:
+            moves = True
+    return moves
+
+
+@wp.func
+def _leaves(seams: Seams, k: int, w: int, last: bool) -> bool:
+    """True if touched particle k moves alone: at the end, and while stitches close, as colliders hinder it less."""
+    return last or seams.closing[w * seams.bodies.shape[0] + seams.owners[k]] != 0
 
 
 @wp.func
@@ -101,7 +113,7 @@ def _free(seams: Seams, w: int, t: int, width: int, substep: int, last: bool):
     for k in range(t, seams.touched.shape[0], width):
         if seams.counts[place_of(seams, k, w)] == 0:
             continue
-        if _leaves(seams, w, last):
+        if _leaves(seams, k, w, last):
             _leave(seams, k, w)
         else:
             release(seams, k, w, substep)
@@ -164,15 +176,15 @@ def _move(seams: Seams, w: int, t: int, width: int):
 def _end(seams: Seams, w: int, t: int, width: int, substep: int, last: bool):
     """Let ways follow, forget the counts, and break the stitches that bear too much in the end."""
     for k in range(t, seams.touched.shape[0], width):
-        if seams.counts[place_of(seams, k, w)] > 0 and not _leaves(seams, w, last):
+        if seams.counts[place_of(seams, k, w)] > 0 and not _leaves(seams, k, w, last):
             follow(seams, k, w, substep)
         seams.counts[place_of(seams, k, w)] = 0
     if t == 0:
         seams.sharing[w] = 0
     if not last:
         return
-    if t == 0:
-        seams.closing[w] = 0
+    for k in range(t, seams.bodies.shape[0], width):
+        seams.closing[w * seams.bodies.shape[0] + k] = 0
     for s in range(t, seams.stitches.shape[0], width):
         stitch = seams.stitches[s]
         of = seams.arrays[stitch.batches[0] * seams.worlds + w]
@@ -195,7 +207,7 @@ def _take(seams: Seams, w: int, t: int, width: int, substep: int):
     """Find how particles of sheets move as the ropes at their stitches did."""
     for k in range(t, seams.touched.shape[0], width):
         number = place_of(seams, k, w)
-        if seams.counts[number] > 0 and not _leaves(seams, w, False):
+        if seams.counts[number] > 0 and not _leaves(seams, k, w, False):
             of = seams.touched[k]
             d = load_row(seams.arrays[of[0] * seams.worlds + w].displacements, of[1])
             seams.starts[number] += xyz(d) - seams.released[number]  # contact with other objects

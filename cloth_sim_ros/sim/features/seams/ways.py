@@ -2,6 +2,7 @@
 """Ways: the lines of springs at sewn particles, which stitches are solved with (see bodies.py).
 
 The segments of a rope are such springs, too. A rope is solved as a whole, so that nothing is left of their equations.
+They also resist moves across them, by their tension over their length.
 """
 
 import warp as wp
@@ -19,14 +20,61 @@ def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, ga
     moved, then = load_row(side.displacements, i), load_row(side.displacements, j)
     edge = xyz((load_row(side.positions, j) - load_row(side.positions, i)) + (then - moved))
     length = wp.max(wp.length(edge), SHORTEST)
-    if is_rope(side):
-        return pack(edge / length, 0.0)
     left = length - side.line_rests[slot] + compliance * side.line_multipliers[slot]
     if gamma > 0.0:
         apart = xyz((then - load_row(side.bases, j)) - (moved - load_row(side.bases, i)))
         was = edge - apart
         left += gamma * wp.dot(edge + was, apart) / (length + wp.length(was) + SHORTEST)
     return pack(edge / length, left)
+
+
+@wp.func
+def _beyond(seams: Seams, far: wp.float64, b: int, end: int, at: int) -> wp.mat33d:
+    """Return how the far end of bead b, of inverse mass `far`, yields with all beads of a rope behind it [1/kg]."""
+    unit = wp.identity(n=3, dtype=wp.float64)
+    if b + 1 == end:
+        return far * unit
+    return far * wp.inverse(unit + far * seams.stiffs[at + b + 1])
+
+
+@wp.func
+def _double(v: wp.vec3) -> wp.vec3d:
+    return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
+
+
+@wp.func
+def _single(v: wp.vec3d) -> wp.vec3:
+    return wp.vec3(float(v[0]), float(v[1]), float(v[2]))
+
+
+@wp.func
+def _release_rope(seams: Seams, k: int, w: int, inverse: float, square: float, gamma: float, soft: float) -> wp.mat33:
+    """Return how a touched particle of a rope yields with its segments [1/kg]; alone it does by `inverse`.
+
+    Across, a slack segment yields 1e8 times as easily as along it, so that this takes double precision.
+    """
+    of, unit = seams.touched[k], wp.identity(n=3, dtype=wp.float64)
+    side, at, added = seams.arrays[of[0] * seams.worlds + w], w * seams.beads.shape[0], wp.mat33d(wp.float64(0.0))
+    for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
+        way = seams.ways[q]
+        for b in range(way[1] - 1, way[0] - 1, -1):
+            i = int(of[1])
+            if b > way[0]:
+                i = seams.beads[b - 1][0]
+            j, slot = seams.beads[b][0], seams.beads[b][1]
+            near, far = load_row(side.displacements, i), load_row(side.displacements, j)
+            edge = _double(xyz((load_row(side.positions, j) - load_row(side.positions, i)) + (far - near)))
+            length, lightest = wp.max(wp.length(edge), wp.float64(SHORTEST)), wp.float64(near[3] + far[3] + 1.0e-30)
+            along = edge / length
+            tension = wp.float64(square * side.line_multipliers[slot])
+            across = length / wp.max(tension, wp.float64(1.0e-4) * length / lightest)
+            stretch = wp.float64(soft * side.line_scales[slot] / (1.0 + gamma))
+            yields = (stretch - across) * wp.outer(along, along) + (across + wp.float64(1.0e-5) * lightest) * unit
+            seams.stiffs[at + b] = wp.inverse(yields + _beyond(seams, wp.float64(far[3]), b, way[1], at))
+            seams.pulls[at + b] = pack(_single(along), 0.0)
+        added += seams.stiffs[at + way[0]]
+    eases = wp.float64(inverse) * wp.inverse(unit + wp.float64(inverse) * added)
+    return wp.matrix_from_rows(_single(eases[0]), _single(eases[1]), _single(eases[2]))
 
 
 @wp.func
@@ -43,6 +91,12 @@ def release(seams: Seams, k: int, w: int, substep: int):
     soft = compliance_of(side.materials[of[2]], 0) / square
     d = load_row(side.displacements, of[1])
     holds, asks = wp.identity(n=3, dtype=float), wp.vec3(0.0)
+    if is_rope(side):
+        number = place_of(seams, k, w)
+        seams.inverses[number] = _release_rope(seams, k, w, d[3], square, gamma, soft)
+        seams.starts[number] = xyz(d)
+        seams.released[number] = xyz(d)
+        return
     for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
         mass, rest, along = float(0.0), float(0.0), wp.vec3(0.0)
         way = seams.ways[q]
@@ -74,15 +128,31 @@ def release(seams: Seams, k: int, w: int, substep: int):
 
 
 @wp.func
+def _follow_rope(seams: Seams, k: int, w: int, moved: wp.vec3, square: float):
+    """Let the segments of a rope follow a move of its touched particle [m]."""
+    of, at = seams.touched[k], w * seams.beads.shape[0]
+    side = seams.arrays[of[0] * seams.worlds + w]
+    for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
+        way, moves = seams.ways[q], _double(moved)
+        for b in range(way[0], way[1]):
+            j, slot = seams.beads[b][0], seams.beads[b][1]
+            d, push = load_row(side.displacements, j), seams.stiffs[at + b] * moves
+            less = wp.dot(_single(push), xyz(load_row(seams.pulls, at + b))) / square
+            side.line_multipliers[slot] = side.line_multipliers[slot] - less
+            moves = _beyond(seams, wp.float64(d[3]), b, way[1], at) * push
+            store_row(side.displacements, j, d + pack(_single(moves), 0.0))
+
+
+@wp.func
 def follow(seams: Seams, k: int, w: int, substep: int):
     """Let the ways of a touched particle follow its move since `release`."""
     of = seams.touched[k]
     side = seams.arrays[of[0] * seams.worlds + w]
-    unit = float(1.0)
-    if is_rope(side):  # it has tensions instead of multipliers
-        unit = -1.0 / square_step(side, of[2], of[3], substep)
     number = place_of(seams, k, w)
     moved = xyz(load_row(side.displacements, of[1])) - seams.starts[number]
+    if is_rope(side):
+        _follow_rope(seams, k, w, moved, square_step(side, of[2], of[3], substep))
+        return
     for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
         way, at = seams.ways[q], w * seams.beads.shape[0]
         pull = load_row(seams.pulls, at + way[0])
@@ -90,7 +160,7 @@ def follow(seams: Seams, k: int, w: int, substep: int):
         for b in range(way[0], way[1]):
             j, slot = seams.beads[b][0], seams.beads[b][1]
             d, impulse = load_row(side.displacements, j), gained * xyz(pull)
-            side.line_multipliers[slot] = side.line_multipliers[slot] + unit * gained
+            side.line_multipliers[slot] = side.line_multipliers[slot] + gained
             if b + 1 < way[1]:
                 beyond = load_row(seams.pulls, at + b + 1)
                 turn, pull = wp.dot(xyz(pull), xyz(beyond)), beyond
