@@ -141,11 +141,12 @@ def seams_of(
     seams = allocated(Seams, device, **shapes, **dict.fromkeys(("counts", "inverses", "starts", "released"), every))
     stitches, used, numbers = [], [], [0] * len(batches)
     ropes = np.array([arrays[0].state.rope.sewn.shape[0] > 0 for arrays in batches])
+    places = {home: k for k, home in enumerate(homes.values())}
     for name, (batch, body) in homes.items():
         for each in topologies[name].stitches:
             rows = _rows(each, (batch, body), homes[each.other], bodies, numbers[batch])
             rows["seconds"] = np.array(orders)[rows["batches"]] - 1
-            rows["sewn"] = [list(homes).index(each) for each in (name, each.other)]
+            rows["sewn"] = (places[batch, body], places[homes[each.other]])
             rows["held"] = {(True, False): 0, (False, True): 1}.get(tuple(ropes[rows["batches"][0]]), -1)
             numbers[batch] += len(rows)
             stitches.append(rows)
@@ -158,14 +159,11 @@ def seams_of(
     seams.arrays = wp.array([_arrays_of(each) for arrays in batches for each in arrays], SewnArrays, device=device)
     every_stitch = _taken_alone(np.concatenate(stitches))
     seams.stitches = wp.array(every_stitch, dtype=Stitch, device=device)
-    sewn, place = (
-        [(*home, orders[home[0]] - 1) for home in homes.values()],
-        {h: k for k, h in enumerate(homes.values())},
-    )
+    sewn = [(*home, orders[home[0]] - 1) for home in homes.values()]
     seams.bodies = wp.array(np.array(sewn, np.int32), dtype=wp.vec3i, device=device)
     touched = np.unique(np.concatenate(used), axis=0).astype(np.int32)
     seams.touched = wp.array(touched, dtype=wp.vec4i, device=device)
-    owners = [place[batch, body] for batch, _, body, _ in touched.tolist()]
+    owners = [places[batch, body] for batch, _, body, _ in touched.tolist()]
     seams.owners = wp.array(owners, dtype=int, device=device)
     held = [_held_at(every_stitch, batch, particle) for batch, particle, *_ in touched.tolist()]
     seams.holds = wp.array(np.concatenate(held), dtype=int, device=device)
@@ -178,7 +176,7 @@ def seams_of(
 
 
 def _taken_alone(stitches: np.ndarray) -> np.ndarray:
-    """Return stitches of which no rope takes those at particles that others move, too: these would fight."""
+    """Return the stitches with none for a rope to take where another one moves the same particle: these would fight."""
     ends = np.stack([np.repeat(stitches["batches"], 2, axis=1), stitches["particles"]], axis=-1).reshape(-1, 2, 2, 2)
     held, rows = stitches["held"], np.arange(len(stitches))
     moved = {tuple(end) for end in ends[held < 0].reshape(-1, 2).tolist()}
