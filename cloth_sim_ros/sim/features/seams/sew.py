@@ -9,8 +9,8 @@ kept. That also takes bodies that are all of first or all of second order in a s
 Stitches come after lines and ropes, which do not know of the load, and so give way to it. A stitch is therefore solved
 with the lines of structural springs that its particles hold, as if these went on through the seam (ways.py). Each line
 is eliminated from its far end on, so that a particle yields with all that it drags along. A rope takes its stitches to
-sheets into its own solve (held.py). Other springs, and ropes that are sewn to ropes, still give way by about h^2 F / m
-for a load F, and the measured error sees it.
+sheets into its own solve (held.py). Other springs, and ropes on a winch, still give way by about h^2 F / m for a load
+F, and the measured error sees it.
 
 A stitch that begins open closes at no more than a set speed. It does not break before it is closed.
 
