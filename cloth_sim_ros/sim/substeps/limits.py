@@ -48,6 +48,7 @@ def check_explicit(
         "bending by angles of": topology.bends_by_angles,
         "self_contact of": thing.self_contact,
         "object_contact of": scene.object_contact,
+        "a seam of": name in scene.sewn,
         "tear_strain of": topology.tear_strain > 0.0,
         "a shear_compliance of the mesh": topology.coupling is not None,
     }

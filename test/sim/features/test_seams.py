@@ -249,3 +249,13 @@ def test_what_cannot_be_sewn_is_told(device):
         Seam("sheet", "cord", (0, 1), (0,), points=True)
     with pytest.raises(ValueError, match="Seam.strength is -1"):
         Seam("sheet", "cord", (0,), (0,), strength=-1)
+
+
+def test_explicit_steps_sew_nothing(device):
+    """Each object takes as many as it needs, and stitches would give their two points different momentum."""
+    objects = {"sheet": Cloth(resolution=(4, 4)), "cord": Rope(segments=3)}
+    scene = Scene(objects, seams={"hem": Seam("sheet", "cord", (0, 3), (0, 3))})
+    with pytest.raises(
+        ValueError, match=r"^solver\.method is 'verlet' with a seam of sheet; allowed is 'auto' or 'xpbd'$"
+    ):
+        Simulation(scene, Settings(method="verlet"), device)
