@@ -285,14 +285,13 @@ def make_touch(features: Features):
                 lo = xyz(load4(ctx.position_lo, i))
                 slip = slip_of(position - sweep.position, displacement - lo, sweep)
                 p = sweep.to_local * offset
-                squeezed, slack = bool(False), float(0.0)
+                squeezed, slack, turn = bool(False), float(0.0), float(0.0)
                 if wp.static(features.pinches):
                     squeezed = is_squeezed(i, collider, ctx)
                     slack = slack_of(collider, squeezed, has_touched(i, c, ctx))
                 thickness = material.thickness + slack
                 touching, overlap = meet(i, collider, sweep, p, slip, thickness, ctx)
                 gap = touching[3] + slack
-                turn = float(0.0)
                 if wp.static(leans):
                     turn = ctx.state.rope.half_turns[met.slot]  # as the solve began; its neighbours move meanwhile
                     gap = slack + exact_gap(touching[3], wp.dot(slip, xyz(touching)), wp.length(offset))
@@ -311,9 +310,8 @@ def make_touch(features: Features):
                     parted += part
                     counts = wp.transpose(sweep.to_local) * pushed - wp.where(ctx.last, part, wp.vec3(0.0))
                     add_force(entry, (met.share / w) * counts, ctx)
-                    touched = True
+                    touched, touch = True, float(ctx.substep + 2)
                     ground = sweep.motion
-                    touch = float(ctx.substep + 2)
                     if stray:
                         note(c, met.near)
                     stray = stray or strays(met.near, position + displacement, displacement)

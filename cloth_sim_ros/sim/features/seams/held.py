@@ -17,6 +17,7 @@ from cloth_sim_ros.sim.features.seams.bodies import Seams, SewnArrays, Stitch
 from cloth_sim_ros.sim.features.seams.stitch import (
     COMPLIANCE,
     Tie,
+    all_yield,
     gap_of,
     number_of_particle,
     place_along,
@@ -36,13 +37,7 @@ _LEAST = wp.constant(1.0e-3)
 @wp.func
 def _stiffness(seams: Seams, stitch: Stitch, tie: Tie, compliance: float, w: int, substep: int) -> wp.mat33:
     """Return K [N/m]."""
-    inverse = wp.mat33(0.0)
-    for k in range(4):
-        if tie.weights[k] != 0.0:
-            share = float(seams.counts[number_of_particle(seams, stitch, tie, k, w)])
-            if k / 2 == stitch.held:
-                share = _LEAST
-            inverse += tie.weights[k] * share * yields(seams, stitch, tie, k, w, substep)
+    inverse = all_yield(seams, stitch, tie, w, substep, stitch.held, _LEAST)
     unit = wp.identity(n=3, dtype=float)
     slides = wp.outer(tie.along, tie.along)
     inverse = (unit - slides) * inverse * (unit - slides)

@@ -35,6 +35,7 @@ from cloth_sim_ros.sim.features.seams.stitch import (
     STRENGTH,
     Tie,
     across,
+    all_yield,
     gap_of,
     length_of,
     number_of_particle,
@@ -129,11 +130,7 @@ def _pull(seams: Seams, s: int, w: int, substep: int, last: bool):
         return
     numbers = of.numbers[stitch.row].values
     tie = tie_of(seams, stitch, now, w, last)
-    inverse = wp.mat33(0.0)
-    for k in range(4):
-        if tie.weights[k] != 0.0:
-            several = float(seams.counts[number_of_particle(seams, stitch, tie, k, w)])
-            inverse += tie.weights[k] * several * yields(seams, stitch, tie, k, w, substep)
+    inverse = all_yield(seams, stitch, tie, w, substep, -1, 0.0)
     size = wp.trace(inverse)
     if size == 0.0:
         return

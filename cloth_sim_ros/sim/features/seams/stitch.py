@@ -152,6 +152,22 @@ def yields(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int, substep: int)
 
 
 @wp.func
+def all_yield(seams: Seams, stitch: Stitch, tie: Tie, w: int, substep: int, held: int, share: float) -> wp.mat33:
+    """Return how far both points of a stitch move under its force [m/N], with others that pull their particles.
+
+    The point `held` counts with `share` alone; -1: none does.
+    """
+    found = wp.mat33(0.0)
+    for k in range(4):
+        if tie.weights[k] != 0.0:
+            several = float(seams.counts[number_of_particle(seams, stitch, tie, k, w)])
+            if k / 2 == held:
+                several = share
+            found += tie.weights[k] * several * yields(seams, stitch, tie, k, w, substep)
+    return found
+
+
+@wp.func
 def number_of_particle(seams: Seams, stitch: Stitch, tie: Tie, k: int, w: int) -> int:
     """Return the place of particle k of a stitch among those of all worlds."""
     return w * seams.particles + seams.firsts[stitch.batches[k / 2]] + tie.particles[k]

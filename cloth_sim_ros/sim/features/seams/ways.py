@@ -29,6 +29,14 @@ def _residual(side: SewnArrays, i: int, j: int, slot: int, compliance: float, ga
 
 
 @wp.func
+def _near(seams: Seams, k: int, way: wp.vec2i, b: int) -> int:
+    """Return the particle before bead b of a way from touched particle k."""
+    if b > way[0]:
+        return seams.beads[b - 1][0]
+    return seams.touched[k][1]
+
+
+@wp.func
 def _beyond(seams: Seams, far: wp.float64, b: int, end: int, at: int) -> wp.mat33d:
     """Return how the far end of bead b, of inverse mass `far`, yields with all beads of a rope behind it [1/kg]."""
     unit = wp.identity(n=3, dtype=wp.float64)
@@ -58,10 +66,7 @@ def _release_rope(seams: Seams, k: int, w: int, inverse: float, square: float, g
     for q in range(seams.way_starts[k], seams.way_starts[k + 1]):
         way = seams.ways[q]
         for b in range(way[1] - 1, way[0] - 1, -1):
-            i = int(of[1])
-            if b > way[0]:
-                i = seams.beads[b - 1][0]
-            j, slot = seams.beads[b][0], seams.beads[b][1]
+            i, j, slot = _near(seams, k, way, b), seams.beads[b][0], seams.beads[b][1]
             near, far = load_row(side.displacements, i), load_row(side.displacements, j)
             edge = _double(xyz((load_row(side.positions, j) - load_row(side.positions, i)) + (far - near)))
             length, lightest = wp.max(wp.length(edge), wp.float64(SHORTEST)), wp.float64(near[3] + far[3] + 1.0e-30)
@@ -101,10 +106,7 @@ def release(seams: Seams, k: int, w: int, substep: int):
         mass, rest, along = float(0.0), float(0.0), wp.vec3(0.0)
         way = seams.ways[q]
         for b in range(way[1] - 1, way[0] - 1, -1):
-            i = int(of[1])
-            if b > way[0]:
-                i = seams.beads[b - 1][0]
-            j, slot = seams.beads[b][0], seams.beads[b][1]
+            i, j, slot = _near(seams, k, way, b), seams.beads[b][0], seams.beads[b][1]
             near, far = load_row(side.displacements, i)[3], load_row(side.displacements, j)[3]
             compliance = soft * side.line_scales[slot]
             spring = _residual(side, i, j, slot, compliance, gamma)
