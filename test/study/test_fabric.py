@@ -49,6 +49,15 @@ def test_a_strip_of_few_substeps_has_its_modulus(degrees):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("name", command.BANDS)
+def test_presets_drape_as_published(name):
+    """Silk draped stiffer than denim."""
+    low, high, _ = command.BANDS[name]
+    found = laboratory.drape(FABRICS[name], "ring", 0.01, 0.1, 4.0, Settings(budget=0.5))
+    assert low <= found.coefficient <= high
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["one way", "hexagonal", "delaunay"])
 def test_a_square_in_a_picture_frame_shears_by_its_modulus(kind):
     """An irregular mesh had 4.5 % less."""
