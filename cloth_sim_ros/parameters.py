@@ -605,10 +605,17 @@ def check(parameter: Parameter, value: Any, name: str | None = None) -> Any:
 def shown(value: Any) -> str:
     """Return a foreign value on one line of bounded length: text in quotes, its control characters escaped.
 
-    A long value keeps both ends: the last part of a path says most.
+    Tuples and arrays are lists, as in YAML. A long value keeps both ends: the last part of a path says most.
     """
-    text = repr(value)
+    text = repr(_listed(value))
     return text if len(text) <= 80 else f"{text[:37]}...{text[-40:]}"
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _listed(item) for name, item in value.items()}
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return [_listed(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _element(parameter: Parameter) -> str:

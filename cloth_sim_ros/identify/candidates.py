@@ -10,6 +10,7 @@ import numpy as np
 
 from cloth_sim_ros.identify.observe import Observer
 from cloth_sim_ros.identify.recording import Recording
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim import Scene, Settings, Simulation
 
 _DELAY = 0.1  # [s] of delay for 1 of its logarithmic scale: slopes are differences over 2 ms to either side
@@ -31,7 +32,7 @@ class Sought:
         name, _, bounds = text.partition("=")
         value = sim.get(name)
         if np.ndim(value) or isinstance(value, (str, bool)) or name.startswith("solver."):
-            raise ValueError(f"--fit names {name}, which is {value!r}; allowed is a live number of the scene")
+            raise ValueError(f"--fit names {name}, which is {shown(value)}; allowed is a live number of the scene")
         if not bounds:
             factor = next(factor for factor in _RANGES if _allows(sim, name, value * factor))
             low, high = value / factor, value * factor

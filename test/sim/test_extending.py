@@ -151,7 +151,7 @@ def test_what_is_wrong_is_said(plugin):
         (lambda: Scene({"sheet": sheet}, forces={"odd": Odd()}), "Scene.forces has Odd.*; allowed are"),
         (lambda: plugin("magnet").Magnet(power=1.0), "Magnet is given power; allowed is centre, strength"),
         (lambda: plugin("magnet").Magnet(strength=11.0), "Magnet.strength is 11.0; allowed is .* -10 to 10"),
-        (lambda: tether("sheet", (0, 0)), "Tether.between is .*; allowed are pairs of two particles"),
+        (lambda: tether("sheet", (0, 0)), r"Tether.between is \[0, 0\]; allowed are pairs of two particles"),
         (lambda: tether("sheet", (0, 1, 2)), "Tether.between is .*; allowed are pairs of two particles"),
         (lambda: Scene({"sheet": sheet}, constraints={"it": tether("shed", (0, 1))}), "is of 'shed'; allowed is sheet"),
         (

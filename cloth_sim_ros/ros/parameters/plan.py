@@ -239,7 +239,7 @@ def make_handle(values: Values, name: str) -> Handle:
         allowed = ", ".join(values["objects"])
         raise ValueError(f"{name}.object is {own['object']!r}; allowed is '' for any object or one of {allowed}")
     if len(own["reach"]) not in (1, 3):
-        raise ValueError(f"{name}.reach is {list(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
+        raise ValueError(f"{name}.reach is {parameters.shown(own['reach'])}; allowed is 1: radius [m], or 3: x y z [m]")
     del own["follow_frame"]
     return Handle(**own)
 
@@ -271,7 +271,7 @@ def make_robot(values: Values, problems: dict[str, str]) -> tuple[dict[str, Coll
         if robot is not None and not parts:
             allowed = ", ".join(sorted({part.link for part in robot.parts.values()})) or "none, as no link collides"
             raise ValueError(
-                f"robot.links is {list(values['robot.links'])}, which no link matches; there are {allowed}"
+                f"robot.links is {parameters.shown(values['robot.links'])}, which no link matches; there are {allowed}"
             )
     except ValueError as error:
         problems[GROUP] = str(error)

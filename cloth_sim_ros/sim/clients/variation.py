@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim.simulation import Simulation
 
 _POSE = ("position", "orientation")
@@ -125,7 +126,7 @@ def _checked(name: str, spec: Any) -> tuple[str, np.ndarray, np.ndarray]:
             raise ValueError
     except (AttributeError, TypeError, ValueError):
         raise ValueError(
-            f"vary.{name} is {spec!r}; allowed is one of {', '.join(DISTRIBUTIONS)} with [low, high] or [middle, "
+            f"vary.{name} is {shown(spec)}; allowed is one of {', '.join(DISTRIBUTIONS)} with [low, high] or [middle, "
             f"spread], above 0 for logarithms"
         ) from None
     return kind, first, second

@@ -97,7 +97,7 @@ class Collider:
         if shares and len(numbers) != len(shares):
             names, kind = ", ".join(cls.wholes.get(row.name, row.name) for row in rows), cls.__name__
             meaning = f"a {kind.lower()} has {len(shares)}: {names} [m]"
-            raise ValueError(f"{kind}.dimensions is {list(numbers)}; {meaning}")
+            raise ValueError(f"{kind}.dimensions is {table.shown(numbers)}; {meaning}")
         numbers = [share * number for share, number in zip(shares, numbers, strict=False)]
         return cls(**fields_of(rows, numbers), **fields)
 

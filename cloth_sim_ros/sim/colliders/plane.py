@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim.colliders.collider import Collider, Solid
 from cloth_sim_ros.sim.physics.quaternion import Quaternion, Vector, rotate, turn_to
 
@@ -47,8 +48,8 @@ class Plane(Collider):
     def _same(self, name: str, value: np.ndarray, other: str, wanted: np.ndarray) -> None:
         """Raise ValueError if two fields for the same quantity differ."""
         if not np.allclose(value, wanted, atol=1e-6):
-            one, two = f"Plane.{name} is {getattr(self, name)}", f"{other} {getattr(self, other)}"
-            raise ValueError(f"{one} beside the {two}; allowed is one of both")
+            one, two = (shown(getattr(self, each)) for each in (name, other))
+            raise ValueError(f"Plane.{name} is {one} beside the {other} {two}; allowed is one of both")
 
     def reach(self) -> float:
         """A plane has no bounds. A saved state holds finite numbers alone."""

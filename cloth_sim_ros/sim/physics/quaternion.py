@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cloth_sim_ros.parameters import shown
+
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Motion = tuple[Quaternion, np.ndarray]  # a turn about the origin of the world, then a shift [m]
@@ -20,7 +22,7 @@ def unit_quaternion(value: Any, name: str) -> Quaternion:
     """
     unit = _unit(value, 4, 1e-6)
     if unit is None:
-        raise ValueError(f"{name} is {value!r}; allowed is a finite quaternion x y z w that is not zero")
+        raise ValueError(f"{name} is {shown(value)}; allowed is a finite quaternion x y z w that is not zero")
     return unit
 
 
@@ -33,7 +35,7 @@ def unit_quaternions(value: Any, name: str, count: int) -> np.ndarray:
     bad = np.flatnonzero(~(np.isfinite(length) & (length >= 1e-6)))
     if len(bad):
         raise ValueError(
-            f"{name} is {rows[bad[0]]} in row {bad[0]}; allowed is a finite quaternion x y z w that is not zero"
+            f"{name} is {shown(rows[bad[0]])} in row {bad[0]}; allowed is a finite quaternion x y z w that is not zero"
         )
     return rows / length[:, None]
 
@@ -45,7 +47,7 @@ def turn_to(normal: Any, name: str) -> Quaternion:
     """
     unit = _unit(normal, 3, 1e-9)
     if unit is None:
-        raise ValueError(f"{name} is {normal!r}; allowed is a finite vector that is not zero")
+        raise ValueError(f"{name} is {shown(normal)}; allowed is a finite vector that is not zero")
     x, y, z = unit
     if z < -1.0 + 1e-12:
         return (1.0, 0.0, 0.0, 0.0)

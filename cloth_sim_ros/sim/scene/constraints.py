@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import warp as wp
 
+from cloth_sim_ros.parameters import shown
 from cloth_sim_ros.sim.input.numbers import Described, Numbers
 
 
@@ -29,7 +30,8 @@ class Constraint(Described):
         super().__init__(**values)
         pairs = np.array(between).reshape(-1, 2) if np.size(between) % 2 == 0 else np.zeros((0, 2))
         if not len(pairs) or pairs.dtype.kind not in "iu" or pairs.min() < 0 or (pairs[:, 0] == pairs[:, 1]).any():
-            raise ValueError(f"{type(self).__name__}.between is {between!r}; allowed are pairs of two particles each")
+            given = f"{type(self).__name__}.between is {shown(between)}"
+            raise ValueError(f"{given}; allowed are pairs of two particles each")
         self.object, self.between = object, tuple(map(tuple, pairs.tolist()))
 
 

@@ -92,7 +92,7 @@ class Cloth:
         if (self.vertices is None) != (self.triangles is None):
             raise ValueError("Cloth has vertices or triangles alone; allowed are both or neither")
         if min(self.size) <= 0.0:
-            raise ValueError(f"Cloth.size is {self.size}; allowed are two numbers above 0 [m]")
+            raise ValueError(f"Cloth.size is {table.shown(self.size)}; allowed are two numbers above 0 [m]")
         if self.vertices is None:
             count, names = self.resolution[0] * self.resolution[1], ("corners", "top", "edges")
         else:
@@ -341,7 +341,8 @@ class Rope:
             raise ValueError(f"Rope.winch is {self.winch!r}; allowed is a Winch or None")
         pins = {"start": (0,), "both": (0, self.segments)}.get(self.pins, self.pins) if self.pins else ()
         if isinstance(pins, str) or 0 not in pins or set(pins) - {0, self.segments}:
-            raise ValueError(f"Rope.pins is {self.pins!r} with a winch at the start; allowed is 'start' or 'both'")
+            given = f"Rope.pins is {table.shown(self.pins)} with a winch at the start"
+            raise ValueError(f"{given}; allowed is 'start' or 'both'")
 
 
 def too_thick(name: str, thing: Cloth | Rope, thickness: float) -> str:

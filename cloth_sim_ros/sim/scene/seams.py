@@ -47,7 +47,7 @@ class Seam(Described):
         for name, given in (("first_particles", first_particles), ("second_particles", second_particles)):
             numbers = np.asarray(given)
             if numbers.ndim != 1 or not len(numbers) or numbers.dtype.kind not in "iu" or numbers.min() < 0:
-                raise ValueError(f"Seam.{name} is {given!r}; allowed are numbers of particles, one at least")
+                raise ValueError(f"Seam.{name} is {table.shown(given)}; allowed are numbers of particles, one at least")
         if points and len(first_particles) != len(second_particles):
             raise ValueError(
                 f"Seam.points is True for {len(first_particles)} and {len(second_particles)} particles; allowed are "

@@ -45,7 +45,7 @@ SENTENCES = [
     "objects holds 'cloth', left out: the name is already taken",
     "colliders holds 'cloth', left out: the name is already taken",
     "wind.enabled is 'windy'; allowed is true or false; using the default False",
-    "cloth.resolution is (1, 1); allowed is 2 whole numbers from 2 to 2048; using the default [32, 32]",
+    "cloth.resolution is [1, 1]; allowed is 2 whole numbers from 2 to 2048; using the default [32, 32]",
     "cloth.mass is 'heavy'; allowed is a finite number from 1e-09 to 1e+06 [kg]; using the default 0.2",
     "cloth.stretch_compliance is -1; allowed is a finite number from 0",
     "there is no parameter cloth.colour",

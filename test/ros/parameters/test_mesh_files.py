@@ -185,7 +185,7 @@ def test_places_far_away_are_refused_and_the_farthest_is_simulated(start, client
     start("/**:\n  ros__parameters:\n    objects: [rope]\n    colliders: [ball]\n    rope: {type: rope}\n").ready()
     refused = client.set("rope.position", [1e6, 0.0, 0.0])
     allowed = "allowed is 3 finite numbers from -10000 to 10000 [m]"
-    assert (refused.successful, refused.reason) == (False, f"rope.position is (1000000.0, 0.0, 0.0); {allowed}")
+    assert (refused.successful, refused.reason) == (False, f"rope.position is [1000000.0, 0.0, 0.0]; {allowed}")
     assert client.set("ball.position", [0.0, 0.0, -20000.0]).reason.endswith(allowed)
     assert client.set("rope.position", [1e4, 1e4, -1e4]).successful
     clouds = client.listen(PointCloud2, "/cloth_sim/rope/particles", 1)

@@ -253,7 +253,7 @@ def test_an_orientation_that_is_none_is_called_by_its_parameter():
     given = rows | values() | {"handles": ("hand",), "hand.orientation": (0.0, 0.0, 0.0, 0.0)}
     given |= {"ball.orientation": (0.0, 0.0, 0.0, 0.0), "line.orientation": (0.0, 0.0, 0.0, 0.0)}
     for name, problem in make_plan(given).problems.items():
-        assert problem.startswith(f"{name}.orientation is (0.0, 0.0, 0.0, 0.0); allowed is a finite quaternion")
+        assert problem.startswith(f"{name}.orientation is [0.0, 0.0, 0.0, 0.0]; allowed is a finite quaternion")
 
 
 def test_lengths_of_a_winch_are_called_as_parameters():

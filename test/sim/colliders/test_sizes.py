@@ -118,7 +118,7 @@ def test_sizes_are_drawn(device):
     ("name", "value", "words"),
     [
         ("ball.radius", -0.1, "ball.radius is -0.1; allowed is a finite number from 1e-06 to 1e"),
-        ("box.half_extents", (0.1, 0.1), r"box.half_extents is \(0.1, 0.1\); allowed is 3 finite numbers"),
+        ("box.half_extents", (0.1, 0.1), r"box.half_extents is \[0.1, 0.1\]; allowed is 3 finite numbers"),
         ("box.half_extents", np.ones((2, 3)), r"box.half_extents has shape \(2, 3\).*; allowed are \(3, 3\)"),
         ("can.radii", 0.1, "no parameter 'can.radii'; allowed is one of .*radius, half_length"),
         ("lump.spacing", (1, 1, 1), "lump.spacing is fixed when a Simulation is built"),

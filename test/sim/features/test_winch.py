@@ -298,7 +298,7 @@ def test_live_numbers_compile_nothing(device):
     ("change", "sentence"),
     [
         ({"pins": "end"}, "Rope.pins is 'end' with a winch at the start; allowed is 'start' or 'both'"),
-        ({"pins": (0, 3)}, r"Rope.pins is \(0, 3\) with a winch at the start"),
+        ({"pins": (0, 3)}, r"Rope.pins is \[0, 3\] with a winch at the start"),
         ({"pins": None}, "Rope.pins is None with a winch at the start"),
         ({"winch": 3}, "Rope.winch is 3; allowed is a Winch or None"),
     ],
