@@ -16,8 +16,9 @@ class Seam(Described):
 
     A line runs through the given particles: along the border of a sheet where they lie on it, else along edges. Lines
     of equally many particles are sewn one to one. Otherwise each particle of the finer line is sewn to the point at the
-    same share of the length of the other. Numbers, live and different between worlds: compliance [m/N] of a stitch,
-    strength [N] at which it breaks, closing_speed [m/s] at which those that begin open close.
+    same share of the length of the other. A single particle is sewn to another one, or slides along a line from its
+    first particle. Numbers, live and different between worlds: compliance [m/N] of a stitch, strength [N] at which it
+    breaks, closing_speed [m/s] at which those that begin open close.
 
     Args:
         first: The name of an object.
@@ -48,11 +49,13 @@ class Seam(Described):
             numbers = np.asarray(given)
             if numbers.ndim != 1 or not len(numbers) or numbers.dtype.kind not in "iu" or numbers.min() < 0:
                 raise ValueError(f"Seam.{name} is {table.shown(given)}; allowed are numbers of particles, one at least")
-        if points and len(first_particles) != len(second_particles):
-            raise ValueError(
-                f"Seam.points is True for {len(first_particles)} and {len(second_particles)} particles; allowed are "
-                "equally many"
-            )
+        one, other = len(first_particles), len(second_particles)
+        if points and one != other:
+            raise ValueError(f"Seam.points is True for {one} and {other} particles; allowed are equally many")
+        if one != other and (other == 1 or one == 1 and not slides) and not points:
+            which, given = ("second", second_particles) if other == 1 else ("first", first_particles)
+            alone = f"Seam.{which}_particles is {table.shown(given)}, into which a whole line would gather"
+            raise ValueError(f"{alone}; allowed are two lines, two particles, or points with one repeated")
         self.first, self.second, self.points, self.slides = first, second, bool(points), bool(slides)
         self.first_particles, self.second_particles = (
             tuple(map(int, each)) for each in (first_particles, second_particles)

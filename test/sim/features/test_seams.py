@@ -247,6 +247,10 @@ def test_what_cannot_be_sewn_is_told(device):
         Scene(objects, seams={"seam": Seam("hat", "cord", (0,), (0,))})
     with pytest.raises(ValueError, match="Seam.points is True for 2 and 1 particles"):
         Seam("sheet", "cord", (0, 1), (0,), points=True)
+    for which, given, slides in (("first", ((2,), (0, 4)), False), ("second", ((0, 3), (2,)), True)):
+        with pytest.raises(ValueError, match=rf"Seam.{which}_particles is \[2\], into which a whole line would gather"):
+            Seam("sheet", "cord", *given, slides=slides)
+    Seam("sheet", "cord", (2,), (0, 4), slides=True)  # a ring on a rope
     with pytest.raises(ValueError, match="Seam.strength is -1"):
         Seam("sheet", "cord", (0,), (0,), strength=-1)
 
