@@ -90,6 +90,8 @@ class Simulation(Live, Placing, Tensors, Cuts):
         self._bodies.build({name: self._bodies.choose(name, [materials[name]], thick[name]) for name in materials})
         self._frames = 0
         self._write_scene()
+        self._rubbed, self._odd = {*scene.objects, *scene.colliders}, set()
+        self._tell_friction()
         self._reset_handles(None)
         self.moved = self._leave_colliders()
         if self.moved:
@@ -145,6 +147,7 @@ class Simulation(Live, Placing, Tensors, Cuts):
         """
         if isinstance(frames, bool) or not isinstance(frames, Integral) or frames < 0:
             raise ValueError(f"step is asked for {frames!r} frames; allowed is a whole number, 0 or more")
+        self._tell_friction()
         while frames > 0:
             self._bodies.advance()
             alike = self._bodies.alike(frames)

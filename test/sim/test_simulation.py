@@ -68,6 +68,35 @@ def test_what_may_be_in_millimetres_is_told_once_and_again_after_it_was_mended(c
     ]  # fmt: skip
 
 
+def test_more_kinetic_than_static_friction_is_told_once_and_again_after_it_was_mended(caplog):
+    colliders = {
+        "floor": Plane(static_friction=0.2, kinetic_friction=0.7),
+        "wall": Plane(position=(0, 0, -1), static_friction=0.2, kinetic_friction=0.7),
+        "ball": Sphere(position=(0, 0, -3), static_friction=0.7, kinetic_friction=0.7),
+    }
+    scene = Scene({"cord": Rope(segments=2, kinetic_friction=0.6)}, colliders, spare_colliders=1)
+    sim, usual = Simulation(scene, fixed(), "cpu", worlds=2), "usual is at most that"
+    assert caplog.messages == [
+        f"kinetic_friction of cord is 0.6, above its static_friction, 0.5; {usual}",
+        f"kinetic_friction of floor and 1 more is 0.7, above its static_friction, 0.2; {usual}",
+    ]
+    caplog.clear()
+    for static, kinetic in ((0.3, 0.3), (0.1, 0.1), (0.1, [0.1, 0.3]), (0.05, 0.2), (0.7, 0.7), (0.1, 0.4)):
+        sim.set("ball.static_friction", static)
+        sim.set("ball.kinetic_friction", np.array(kinetic) if np.ndim(kinetic) else kinetic)
+        sim.step()
+    sim.add_collider("box", Box(static_friction=0.3))
+    sim.step()
+    sim.add_collider("box", Box(static_friction=0.2))
+    sim.remove_collider("box")
+    sim.step()
+    assert caplog.messages == [
+        f"kinetic_friction of ball is 0.3, above its static_friction, 0.1; {usual}",
+        f"kinetic_friction of ball is 0.4, above its static_friction, 0.1; {usual}",
+        f"kinetic_friction of box is 0.4, above its static_friction, 0.3; {usual}",
+    ]
+
+
 def test_set_state_and_read_it_back(device):
     sim = sheet_sim(device)
     x = sim.positions("cloth") + np.float32(0.25)

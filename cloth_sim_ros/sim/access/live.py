@@ -20,16 +20,20 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.input.numbers import places
-from cloth_sim_ros.sim.scene.objects import Cloth, Rope, too_thick
+from cloth_sim_ros.sim.scene.objects import Cloth, Rope, odd_friction, too_thick
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 _LOG = logging.getLogger(__name__)
+_FRICTION = ("static_friction", "kinetic_friction")
 _FAR_AWAY = 1e30  # negative reach [m] of a missing collider
 
 
 class Live(Ropes, Hands):
     """Changes live parameters and colliders of a running simulation."""
+
+    _rubbed: set[str]  # names of what has had a coefficient of friction set since `_tell_friction`
+    _odd: set[str]  # names of what has more kinetic than static friction, as was told
 
     def set_collider_pose(
         self, name: str, position: Any, orientation: Any = (0.0, 0.0, 0.0, 1.0), sweep: bool = True, world: Any = None
@@ -106,6 +110,7 @@ class Live(Ropes, Hands):
             )
         bodies.name_collider(name, row, collider)
         self._write_collider(row, collider)
+        self._rubbed.add(name)
 
     def remove_collider(self, name: str) -> None:
         """Remove an added collider."""
@@ -114,6 +119,8 @@ class Live(Ropes, Hands):
         if name not in added:
             raise ValueError(f"{name!r} is no collider that was added; allowed is {names_of(added)}")
         self._write_none(bodies.forget_collider(name))
+        for names in (self._rubbed, self._odd):
+            names.discard(name)
 
     def set_wind(self, velocity: Any, world: Any = None) -> None:
         """Set the wind velocity [m/s] from the next frame on."""
@@ -176,6 +183,8 @@ class Live(Ropes, Hands):
         value, rows = self._checked(row, value, name, world), self._bodies.colliders
         if row not in collider.dimensions:
             rows.write(number, world, **{field: value})
+            if field in _FRICTION:
+                self._rubbed.add(owner)
             return
         sizes = rows.read(number, world)["size"].astype(np.float64)
         sizes[:, places(collider.dimensions)[field]] = value
@@ -243,6 +252,26 @@ class Live(Ropes, Hands):
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
+        elif field in _FRICTION:
+            self._rubbed.add(owner)
+
+    def _tell_friction(self) -> None:
+        """Warn of what has more kinetic than static friction in some world, once until that is mended.
+
+        Both may be set one after the other, so this waits until they act. Things of the same two are one warning.
+        """
+        found: dict[tuple[float, float], list[str]] = {}
+        for name in sorted(self._rubbed):
+            colliders, number = self._bodies.colliders, self._bodies.collider_row.get(name)
+            rows = self._bodies.materials_of(name, None) if number is None else colliders.read(number, None)
+            worst = rows[np.argmax(rows["kinetic_friction"] - rows["static_friction"])]
+            static, kinetic = (worst[each] for each in _FRICTION)
+            if kinetic > static and name not in self._odd:
+                found.setdefault((static, kinetic), []).append(name)
+            (self._odd.add if kinetic > static else self._odd.discard)(name)
+        self._rubbed.clear()
+        for pair, (first, *others) in found.items():
+            _LOG.warning(odd_friction(f"{first} and {len(others)} more" if others else first, *pair))
 
     def _set_mass(self, owner: str, field: str, value: Any, world: WorldSelection) -> None:
         """Set a mass; particles that are not pinned keep their velocities."""

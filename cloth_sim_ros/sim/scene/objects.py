@@ -360,6 +360,13 @@ def too_thick(name: str, thing: Cloth | Rope, thickness: float) -> str:
     return f"{name}.{field} is {thickness:g} m for a {kind} of {extent:.3g} m; {usual}"
 
 
+def odd_friction(who: str, static: float, kinetic: float) -> str:
+    """Return what is odd about two coefficients of friction, in one sentence; "" if they may be meant."""
+    if kinetic <= static:
+        return ""
+    return f"kinetic_friction of {who} is {kinetic:g}, above its static_friction, {static:g}; usual is at most that"
+
+
 def _renumbered(fields: dict[str, Any], place: np.ndarray, count: int) -> dict[str, Any]:
     """Renumber `fields` of Cloth for `count` particles; `place` (N,) is the particle of each vertex, or -1.
 

@@ -123,6 +123,18 @@ def test_a_thickness_that_may_be_in_millimetres_is_said_in_answer_and_log(node, 
         assert client.set(name, 0.001).reason == ""
 
 
+def test_more_kinetic_than_static_friction_is_said_in_answer_and_log(node, client):
+    said = "kinetic_friction of cloth is 0.5, above its static_friction, 0.25; usual is at most that"
+    assert client.set("cloth.kinetic_friction", 0.5).reason == ""
+    result = client.set("cloth.static_friction", 0.25)
+    assert (result.successful, result.reason) == (True, said)
+    node.wait_for(said)
+    assert client.set("cloth.kinetic_friction", 0.25).reason == "" and node.log.count("usual is at most that") == 1
+    assert (
+        client.set("cloth.static_friction", 0.5).reason == "" and client.set("cloth.kinetic_friction", 0.4).successful
+    )
+
+
 def test_too_many_sweeps_are_refused(node, client):
     assert client.set("solver.substeps", 10000).successful
     refused = client.set("solver.iterations", 1000)
