@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import viser
+
+Told = Callable[[str], None]  # takes a sentence for the page
 
 _STEP = 0.05  # of a power of ten
 _TYPING = 45  # looks, of 60 a second, after the last key before what was typed counts
@@ -59,10 +62,17 @@ class Scale:
         if self.whole:
             return round(place)
         if not self.powers:
-            return min(max(place, self.low), self.high)
+            return self.nearest(place)
         if self.low < self.floor and place < math.log10(self.floor) - 0.5 * _STEP:
             return self.low
-        return min(max(float(f"{10.0**place:.3g}"), self.low), self.high)
+        return self.nearest(float(f"{10.0**place:.3g}"))
+
+    def nearest(self, value: float, told: Told = lambda sentence: None) -> float:
+        """Return the value of the range next to one that was typed; `told` gets a sentence if that is another one."""
+        near = min(max(value, self.low), self.high)
+        if near != value:
+            told(f"{value:g} is typed; allowed is {self.low:g} to {self.high:g}, and {near:g} is taken.")
+        return near
 
 
 def powers(low: float, high: float) -> Scale:
@@ -71,10 +81,13 @@ def powers(low: float, high: float) -> Scale:
 
 
 class PowerSlider:
-    """A number on a slider by powers of ten. A box above it shows the number with its unit, and takes another one."""
+    """A number on a slider by powers of ten. A box above it shows the number with its unit, and takes another one.
 
-    def __init__(self, gui: viser.GuiApi, label: str, scale: Scale, value: float, unit: str = "", hint: str = ""):
-        self._scale, self._unit = scale, unit
+    told: gets a sentence if what is typed is beyond the scale.
+    """
+
+    def __init__(self, gui: viser.GuiApi, label: str, scale: Scale, value: float, unit: str, hint: str, told: Told):
+        self._scale, self._unit, self._told = scale, unit, told
         self._box = gui.add_text(label, self._words(value), hint=hint)
         place = scale.place(value)
         # The slider of one number has a box of its own, which would show the exponent.
@@ -112,7 +125,7 @@ class PowerSlider:
     def _read(self, text: str) -> float:
         """Return the number at the start of the text, clipped to the range; the current value if there is none."""
         found = re.match(r"\s*[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", text, flags=re.IGNORECASE)
-        return min(max(float(found[0]), self._scale.low), self._scale.high) if found else self._value
+        return self._scale.nearest(float(found[0]), self._told) if found else self._value
 
     def _words(self, value: float) -> str:
         number = float(f"{value:.3g}")

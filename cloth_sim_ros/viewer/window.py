@@ -20,7 +20,7 @@ class Page:
     """One page: its drawing and its controls. It exists while it is open, and all browsers see the same one.
 
     All methods run in one thread, which may differ from the server's. `advance` therefore handles the clicks, drags and
-    buttons of the browsers.
+    buttons of the browsers. `status` is the last sentence of `tell`.
     """
 
     title: ClassVar[str] = ""
@@ -36,8 +36,18 @@ class Page:
         with self.folder:
             if self.text:
                 self.gui.add_markdown(self.text)
+            self._status = self.gui.add_markdown("")
             self.build()
         look_from(server, *self.camera)
+
+    @property
+    def status(self) -> str:
+        """The sentence on the page."""
+        return self._status.content
+
+    def tell(self, sentence: str) -> None:
+        """Show a sentence in place of the one before."""
+        self._status.content = sentence
 
     def build(self) -> None:
         """Make controls and drawing."""

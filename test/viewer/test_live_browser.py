@@ -50,6 +50,9 @@ def test_a_hundred_moves_of_sliders_reach_the_node_and_all_browsers_show_them(sh
     shown.until(lambda: client.get("cloth.stretch_compliance") == pytest.approx(10**-2.03, rel=1e-2))
     shown.until(lambda: client.get("wind.velocity")[0] == pytest.approx(9.8))
     assert browser.gui[browser.control("x m/s")]["kind"] == "GuiSliderMessage"
+    browser.slide("x m/s", 20.0)  # as typed beside the slider
+    shown.until(lambda: browser.says("wind.velocity: 20 is typed; allowed is -15 to 15, and 15 is taken."))
+    shown.until(lambda: client.get("wind.velocity")[0] == 15.0)
 
 
 def test_keys_reach_the_node_and_the_page_says_what_came_of_them(shown, browser):

@@ -54,10 +54,16 @@ def test_marks_lie_within_and_apart(low, high):
 
 
 @pytest.fixture
-def slider(server):
+def told():
+    """Sentences for the page."""
+    return []
+
+
+@pytest.fixture
+def slider(server, told):
     """A compliance of 0.003 m/N, from 0 to 1e6."""
     scale, hint = scale_of(described(0.0, 1e6), 0.003), "How it yields [m/N] (live)"
-    return ParameterSlider(server.gui, "stretch compliance", scale, 0.003, hint)
+    return ParameterSlider(server.gui, "stretch compliance", scale, 0.003, hint, told.append)
 
 
 def looked_at(slider, times: int = 100) -> list[float]:
@@ -77,20 +83,30 @@ def test_a_number_by_powers_of_ten_is_shown_with_its_unit(slider):
 
 
 @pytest.mark.parametrize(
-    ("text", "value", "then"),
+    ("text", "value", "then", "said"),
     [
-        ("0.0123", 0.0123, "0.0123 m/N"),
-        (" 2e-4 m/N", 2e-4, "0.0002 m/N"),
-        ("1e9", 1e6, "1000000 m/N"),
-        ("12345", 12345.0, "12300 m/N"),
-        (".5", 0.5, "0.5 m/N"),
+        ("0.0123", 0.0123, "0.0123 m/N", []),
+        (" 2e-4 m/N", 2e-4, "0.0002 m/N", []),
+        ("1e9", 1e6, "1000000 m/N", ["1e+09 is typed; allowed is 0 to 1e+06, and 1e+06 is taken."]),
+        ("-2", 0.0, "0 m/N", ["-2 is typed; allowed is 0 to 1e+06, and 0 is taken."]),
+        ("12345", 12345.0, "12300 m/N", []),
+        (".5", 0.5, "0.5 m/N", []),
     ],
 )
-def test_a_number_is_typed(slider, text, value, then):
+def test_a_number_is_typed(slider, told, text, value, then, said):
     for end in range(1, len(text) + 1):
         slider._slider.type(text[:end])
         assert looked_at(slider, 5) == [], "while keys are pressed nothing is sent"
     assert looked_at(slider) == [value] and slider._slider._box.value == then
+    assert told == said
+
+
+@pytest.mark.parametrize(("typed", "taken"), [(20.0, 15.0), (-15.5, -15.0)])
+def test_a_number_beyond_a_linear_slider_is_told_with_what_is_taken(server, told, typed, taken):
+    slider = ParameterSlider(server.gui, "x", Scale(-15.0, 15.0), 0.0, "Wind [m/s]", told.append)
+    slider._slider.value = typed  # a browser sends what is typed beside a slider as it is
+    assert looked_at(slider) == [taken]
+    assert told == [f"{typed:g} is typed; allowed is -15 to 15, and {taken:g} is taken."]
 
 
 def test_what_is_no_number_is_put_back(slider):

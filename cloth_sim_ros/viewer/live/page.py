@@ -32,7 +32,7 @@ PULL = powers(0.1, 100.0)  # [N] largest force of a drag
 
 
 class LivePage(Page):
-    """The page that waits for the node, shows it, and waits again if it goes. `status` is the last sentence."""
+    """The page that waits for the node, shows it, and waits again if it goes."""
 
     title = "The running node"
 
@@ -49,20 +49,10 @@ class LivePage(Page):
     def build(self) -> None:
         self._paused = False
         self._scene = SceneChoice(self.gui, self._remote.node, self.tell)
-        self._status = self.gui.add_markdown("")
         self._commands = [self.gui.add_command(label, hotkey=key) for key, label in KEYS.items()]
         for command, label in zip(self._commands, KEYS.values(), strict=True):
             command.on_trigger(lambda event, label=label: self._pressed.append(lambda: self.press(label)))
         self.tell(f"Waiting for {self._remote.target} ...")
-
-    @property
-    def status(self) -> str:
-        """The sentence on the page."""
-        return self._status.content
-
-    def tell(self, sentence: str) -> None:
-        """Show a sentence in place of the one before."""
-        self._status.content = sentence
 
     def frame(self) -> None:
         self._scene.advance()
@@ -117,7 +107,7 @@ class LivePage(Page):
             self.buttons(STATE, self.press)
             if known.names("handles"):
                 hint = "With which a drag pulls at most: the hand is tied to the cloth by a spring."
-                self._pull = PowerSlider(self.gui, "drag with at most", PULL, 5.0, " N", hint)
+                self._pull = PowerSlider(self.gui, "drag with at most", PULL, 5.0, " N", hint, self.tell)
             self.gui.add_markdown(self._hints(known))
             tabs = self.gui.add_tab_group()
             with tabs.add_tab("Parameters"):

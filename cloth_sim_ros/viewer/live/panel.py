@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from typing import Any
 
 import viser
@@ -14,7 +13,7 @@ from rclpy.task import Future
 
 from cloth_sim_ros.viewer.live.remote import Known, Remote
 from cloth_sim_ros.viewer.live.sliders import WIND, ParameterSlider, scale_of
-from cloth_sim_ros.viewer.scale import Scale
+from cloth_sim_ros.viewer.scale import Scale, Told
 
 SOLVER = ("solver.error", "solver.budget", "solver.iterations", "solver.substeps", "solver.global_damping")
 OBJECT = (
@@ -34,7 +33,7 @@ class Panel:
     sliders: parameter -> one slider for each of its numbers; the wind has three.
     """
 
-    def __init__(self, gui: viser.GuiApi, remote: Remote, known: Known, told: Callable[[str], None]):
+    def __init__(self, gui: viser.GuiApi, remote: Remote, known: Known, told: Told):
         self._remote, self._known, self._told = remote, known, told
         self._asked: dict[str, Future] = {}  # one request a parameter at a time
         self._since: dict[str, float] = {}  # when [s]
@@ -67,8 +66,13 @@ class Panel:
         """Add a slider for each number of a parameter."""
         hint, value = self._description(name), self._known.values[name]
         numbers = [value] if len(labels) == 1 else value
+
+        def told(sentence: str) -> None:
+            self._told(f"{name}: {sentence}")
+
         self.sliders[name] = [
-            ParameterSlider(gui, label, scale, number, hint) for label, number in zip(labels, numbers, strict=True)
+            ParameterSlider(gui, label, scale, number, hint, told)
+            for label, number in zip(labels, numbers, strict=True)
         ]
 
     def _scale(self, name: str) -> Scale | None:

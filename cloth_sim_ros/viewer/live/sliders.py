@@ -8,7 +8,7 @@ from typing import Any
 import viser
 from rcl_interfaces.msg import ParameterDescriptor
 
-from cloth_sim_ros.viewer.scale import PowerSlider, Scale
+from cloth_sim_ros.viewer.scale import PowerSlider, Scale, Told
 
 WIND = 15.0  # [m/s] at most by slider, as a descriptor of a list has no range
 _WIDE = 1e3  # a range whose ends are further apart is shown by powers of ten
@@ -32,13 +32,14 @@ def scale_of(descriptor: ParameterDescriptor, value: Any) -> Scale | None:
 class ParameterSlider:
     """Slider of one number of a parameter.
 
-    `wanted` is the value set in the browser since the slider was last shown or read.
+    `wanted` is the value set in the browser since the slider was last shown or read. `told` gets a sentence if it was
+    typed and is beyond the scale.
     """
 
-    def __init__(self, gui: viser.GuiApi, label: str, scale: Scale, value: float, hint: str):
-        self._scale, unit = scale, _unit(hint)
+    def __init__(self, gui: viser.GuiApi, label: str, scale: Scale, value: float, hint: str, told: Told):
+        self._scale, self._told, unit = scale, told, _unit(hint)
         if scale.powers:
-            self._slider = PowerSlider(gui, label, scale, value, unit, hint)
+            self._slider = PowerSlider(gui, label, scale, value, unit, hint, told)
         else:
             self._slider = gui.add_slider(f"{label}{unit}", *scale.ends, scale.place(value), hint=hint)
         self._seen = self._slider.value
@@ -49,7 +50,7 @@ class ParameterSlider:
         if found == self._seen:
             return None
         self._seen = found
-        return found if self._scale.powers else self._scale.value(found)
+        return found if self._scale.powers else self._scale.value(self._scale.nearest(found, self._told))
 
     def show(self, value: float) -> None:
         """Show the node's value."""

@@ -92,7 +92,7 @@ class Integrators(Page):
     camera = ((0.0, -5.0, 1.7), (0.0, 0.0, 1.15))
 
     def build(self) -> None:
-        self.length = PowerSlider(self.gui, "step", powers(*STEPS), BEGIN, " ms", "Length of a step.")
+        self.length = PowerSlider(self.gui, "step", powers(*STEPS), BEGIN, " ms", "Length of a step.", self.tell)
         self.button("Start again", self.start)
         self._numbers = self.gui.add_markdown("")
         colours = COLOURS[: len(METHODS)]

@@ -62,7 +62,7 @@ class Iterations(Page):
         gui = self.gui
         self.iterations = gui.add_slider("iterations", 1, 64, 1, 4, hint="Sweeps of PBD and XPBD in a step.")
         self.substeps = gui.add_slider("substeps", 1, 20, 1, 1, hint="Steps a frame.")
-        self.compliance = PowerSlider(gui, "compliance", powers(1e-5, 0.3), 0.03, " 1/N", "1/EA")
+        self.compliance = PowerSlider(gui, "compliance", powers(1e-5, 0.3), 0.03, " 1/N", "1/EA", self.tell)
         self.swing = gui.add_checkbox("Swing", True)
         self.button("Measure over iterations", self._measure)
         self._numbers = gui.add_markdown("")

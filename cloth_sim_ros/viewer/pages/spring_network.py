@@ -52,7 +52,9 @@ class SpringNetwork(Page):
         for kind, (_, compliance, _, text) in KINDS.items():
             self.switches[kind] = self.gui.add_checkbox(f"{kind} springs", True, hint=text)
             hint = "1 / spring constant"
-            self.sliders[kind] = PowerSlider(self.gui, "compliance", powers(1e-5, 10.0), compliance, " m/N", hint)
+            self.sliders[kind] = PowerSlider(
+                self.gui, "compliance", powers(1e-5, 10.0), compliance, " m/N", hint, self.tell
+            )
         self.pins = self.gui.add_dropdown("Held at", PINS)
         self.lines = self.gui.add_checkbox("Show the springs", True)
         self.button("Start again", self._reset)

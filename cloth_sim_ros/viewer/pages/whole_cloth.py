@@ -46,8 +46,7 @@ class WholeCloth(Page):
             wind=Wind(),
         )
         self.stage = Stage(self.drawing, scene)
-        self._said = ""
-        self.scissors = Scissors(lambda polygon: self.stage.sim.cut("cloth", polygon), self._say)
+        self.scissors = Scissors(lambda polygon: self.stage.sim.cut("cloth", polygon), self.tell)
         self.wind = [
             self.gui.add_slider(f"wind {axis} [m/s]", -10.0, 10.0, 0.1, 0.0, hint="Wind velocity.") for axis in "xyz"
         ]
@@ -55,7 +54,7 @@ class WholeCloth(Page):
             "friction", 0.0, 1.5, 0.01, 0.5, hint="Coulomb coefficient of cloth and ball."
         )
         hint = "1 / spring constant in stretch"
-        self.stretch = PowerSlider(self.gui, "compliance", powers(1e-5, 1.0), 1e-3, " m/N", hint)
+        self.stretch = PowerSlider(self.gui, "compliance", powers(1e-5, 1.0), 1e-3, " m/N", hint, self.tell)
         self.pins = self.gui.add_dropdown("Held at", PINS, initial_value="none")
         self.normals = self.gui.add_checkbox(
             "Show normals", False, hint="Computed on the device, from its own positions."
@@ -71,9 +70,6 @@ class WholeCloth(Page):
     def clicked(self, click: Click) -> None:
         if click.name == "cloth":
             self.scissors.click(click, self.stage.sim.positions("cloth"))
-
-    def _say(self, sentence: str) -> None:
-        self._said = sentence
 
     def frame(self) -> None:
         self.stage.apply("wind.velocity", tuple(slider.value for slider in self.wind))
@@ -113,5 +109,5 @@ class WholeCloth(Page):
         self._numbers.content = (
             f"| | |\n|---|---|\n| largest strain | {100 * report['max_strain']:.1f} % |\n"
             f"| force on the ball | {force:.2f} N |\n| time | {sim.time:.1f} s |\n\n"
-            f"The cloth {sim.choices['cloth'].reason}. {self._said} {self.stage.refused}"
+            f"The cloth {sim.choices['cloth'].reason}. {self.stage.refused}"
         )
