@@ -124,9 +124,12 @@ class ClothSimNode(Node):
 
     def _on_pose(self, name: str, topic: str, message: PoseStamped) -> None:
         try:
-            self._complaints.jump(topic, inputs.follow(self._loop.world.tracks[name], message, self._frames))
+            way = inputs.follow(self._loop.world.tracks[name], message, self._frames)
         except Refused as reason:
             self._complaints.refuse(topic, reason)
+            return
+        if way > 0.0:
+            self._loop.submit(lambda: self._complaints.jump(topic, way, self._loop.world.is_empty(name)))
 
     def _on_scene(self, message: MarkerArray) -> None:
         world = self._loop.world

@@ -239,6 +239,10 @@ class World:
         self.in_effect = {**self.in_effect, f"{handle}.attached": on and done}
         return done, sentence
 
+    def is_empty(self, name: str) -> bool:
+        """Return True for a handle that holds nothing."""
+        return self.sim is not None and name in self.sim.scene.handles and not self.sim.held(name)
+
     def cut(self, polygon: list[Vector]) -> None:
         """Cut all objects that tear along a flat polygon [m], and log the cut springs."""
         self.journal.note("cut", polygon)

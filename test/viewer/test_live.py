@@ -265,6 +265,15 @@ def test_curves_hold_what_the_node_reports(shown):
     assert last("pace")[0] > 0.0 and (last("strain") >= 0.0).all()
 
 
+def test_a_drag_that_is_given_up_says_whether_anything_was_held(shown):
+    corner, grasp = shown.page.scene.positions["cloth"][CORNER], shown.page.grasp
+    for state, said in (("choosing", "cloth was not grasped."), ("holding", "cloth is not held any more.")):
+        shown.page.dragged(Drag("cloth", "start", corner, corner))
+        grasp.state, grasp._vertex = state, 10**6  # the cloth has fewer particles now
+        grasp.advance()
+        assert (shown.page.status, grasp.state) == (said, "idle")
+
+
 def test_without_a_handle_the_page_says_what_is_missing(start, viewer):
     start(BARE).ready()
     viewer.shows("cloth")

@@ -85,7 +85,8 @@ class Grasp:
         """End the drag, as the object has other particles or the node does not answer."""
         if self.handle:
             self._remote.call(f"handles/{self.handle}/attach", False)
-        self._told(f"{self._object} is not held any more.")
+        held = self.state in ("holding", "leaving")
+        self._told(f"{self._object} {'is not held any more' if held else 'was not grasped'}.")
         self.state = "idle"
 
     def _choosing(self) -> None:

@@ -97,6 +97,9 @@ def test_a_hand_lets_go_of_too_much_and_says_so(towel, client):
     towel.wait_for("left let go: its load was larger than left.break_force", 10.0)
     client.until(lambda: client.get("left.attached") is False)
     assert client.get("right.attached") is True
+    for side, words in (("left", "it holds nothing, so nothing goes with it"), ("right", "its pose is the first")):
+        move(client, side, (0.0, -0.25, 0.3))
+        towel.wait_for(f"handles/{side}/pose goes 0.391 m in one frame: {words}", 10.0)
 
 
 @pytest.mark.long
