@@ -11,6 +11,7 @@ import numpy as np
 
 from cloth_sim_ros.ros.parameters.plan import Plan  # noqa: TID251 (free of rclpy, which a test proves)
 from cloth_sim_ros.sim import Settings, Simulation, topology
+from cloth_sim_ros.sim.substeps.control import AT_REST, OF_SIZE
 from cloth_sim_ros.study import norms
 from cloth_sim_ros.study.timing import frame_times
 
@@ -39,7 +40,7 @@ class Converged:
     """Frames (F + 1, N, 3) [m] of all objects one after another, by XPBD of `order`; the first `trusted` count.
 
     uncertainty [m]: their estimated RMS error; apart [m]: RMS distance of the finest runs of both orders; moved [m]:
-    RMS distance from the start.
+    RMS distance from the start; scale [m]: what an error is relative to, see `scale_of`.
     """
 
     frames: np.ndarray
@@ -47,6 +48,7 @@ class Converged:
     uncertainty: float
     apart: float
     moved: float
+    scale: float
     order: int
     substeps: int
     iterations: int
@@ -58,7 +60,7 @@ class Converged:
 
 
 def converge(trial: Trial, error: float) -> Converged:
-    """Double substeps and iterations of both orders until one order is known to error / 10 [m].
+    """Double substeps and iterations of both orders until one order is known to a tenth of `error`, which is relative.
 
     The error of a run is SHARE times the larger of its last change and half of the one before, as one small change can
     be chance if contacts open and close. The order that is known better judges the scene. The search ends at
@@ -66,7 +68,8 @@ def converge(trial: Trial, error: float) -> Converged:
     """
     substeps, iterations = 40, 2
     runs = {order: [_fine(trial, order, substeps, iterations)] for order in SHARE}
-    count = norms.trusted_frames(runs[2][0], _fine(trial, 2, substeps, iterations, beside=True), error)
+    beside, limit = _fine(trial, 2, substeps, iterations, beside=True), error * scale_of(trial.plan, runs[2][0])
+    count = norms.trusted_frames(runs[2][0], beside, limit)
     count = max(count, 2)  # one frame after the start can always be judged
     while True:
         substeps, iterations = 2 * substeps, 2 * iterations
@@ -76,11 +79,23 @@ def converge(trial: Trial, error: float) -> Converged:
             continue
         known = {order: SHARE[order] * _change(found, count) for order, found in runs.items()}
         order = min(known, key=known.get)
-        if known[order] < 0.1 * error or 4 * substeps * iterations > MOST_SWEEPS:
-            fine = runs[order][-1]
+        fine = runs[order][-1]
+        scale = scale_of(trial.plan, fine[:count])
+        if known[order] < 0.1 * error * scale or 4 * substeps * iterations > MOST_SWEEPS:
             apart = norms.rms(runs[1][-1][1:count] - runs[2][-1][1:count])
             moved = norms.rms(fine[1:count] - fine[0])
-            return Converged(fine, count, known[order], apart, moved, order, substeps, iterations)
+            return Converged(fine, count, known[order], apart, moved, scale, order, substeps, iterations)
+
+
+def scale_of(plan: Plan, frames: np.ndarray) -> float:
+    """Return what an error of `frames` (F + 1, N, 3) is relative to [m], as that of solver.error.
+
+    It is the RMS distance from the start, or a tenth of the largest object where that is next to nothing.
+    """
+    moved = norms.rms(frames[1:] - frames[0])
+    layouts = [topology.build(thing, name, direct_ropes=True).layout for name, thing in plan.scene.objects.items()]
+    size = max(float(np.ptp(layout, axis=0).max()) for layout in layouts)
+    return moved if moved >= AT_REST * size else OF_SIZE * size
 
 
 def _change(runs: list[np.ndarray], count: int) -> float:

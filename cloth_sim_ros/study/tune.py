@@ -35,7 +35,9 @@ TUNED = ("method", "order", "substeps", "iterations")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `python -m cloth_sim_ros.study tune`."""
     parser.add_argument("scene", type=Path, help="the node's YAML file")
-    parser.add_argument("--error", type=float, default=1e-3, help="wanted RMS error of position [m]")
+    parser.add_argument(
+        "--error", type=float, default=1e-2, help="wanted error, relative to the motion, as solver.error"
+    )
     parser.add_argument("--budget-ms", type=float, help="most milliseconds a frame")
     parser.add_argument("--seconds", type=float, default=1.0, help="simulated time to compare over [s]")
     parser.add_argument("--move", nargs=4, action="append", default=[], metavar=("COLLIDER", "X", "Y", "Z"))
@@ -61,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = choose(rows, arguments.error, arguments.budget_ms)
     stem = arguments.output / f"tuned_{arguments.scene.stem}"
     arguments.output.mkdir(parents=True, exist_ok=True)
-    draw_error(rows, title, stem, arguments.error, arguments.budget_ms)
+    draw_error(rows, title, stem, arguments.error * exact.scale, arguments.budget_ms)
     stored = {"title": title, "machine": where, "uncertainty": exact.uncertainty, "chosen": chosen, "own": finite(own)}
     stem.with_suffix(".json").write_text(json.dumps({**stored, "rows": [finite(row) for row in rows]}, indent=1))
     print(f"the file's own settings: {_words(own)}")
@@ -71,9 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     path = stem.with_suffix(".yaml")
     path.write_text(with_values(arguments.scene, {f"solver.{key}": chosen["settings"][key] for key in TUNED}))
     again = measure("chosen", trial, read_plan(path).settings, exact)
-    kept = "meets" if again["position"] <= arguments.error else "does not meet"
+    kept = "meets" if again["relative"] <= arguments.error else "does not meet"
     print(f"chosen: {chosen['method']}, {_words(chosen)}")
-    print(f"run again from {path}: {_words(again)}, which {kept} {arguments.error:g} m")
+    print(f"run again from {path}: {_words(again)}, which {kept} {arguments.error:g}")
     return 0
 
 
@@ -125,29 +127,33 @@ def measure(label: str, trial: Trial, settings: Settings, exact: Converged) -> d
         "ms": float(np.median(times)),
         "ms_p95": float(np.percentile(times, 95)),
         "position": error,
+        "relative": error / exact.scale,
     }
 
 
 def choose(rows: list[dict], error: float, budget: float | None) -> dict | None:
-    """Return the cheapest row that keeps the error, else the most exact one.
+    """Return the cheapest row that keeps the relative error, else the most exact one.
 
     With a budget [ms], only rows within it count.
     """
-    rows = [row for row in rows if np.isfinite(row["position"]) and (budget is None or row["ms"] <= budget)]
-    good = [row for row in rows if row["position"] <= error]
+    rows = [row for row in rows if np.isfinite(row["relative"]) and (budget is None or row["ms"] <= budget)]
+    good = [row for row in rows if row["relative"] <= error]
     if good:
         return min(good, key=lambda row: row["ms"])
-    return min(rows, key=lambda row: row["position"], default=None)
+    return min(rows, key=lambda row: row["relative"], default=None)
 
 
 def verdict_of(exact: Converged, error: float) -> str:
     """Return a sentence on how well the converged run is known."""
     steps = f"{exact.substeps} substeps x {exact.iterations} iterations of order {exact.order}"
-    text = f"converged to {exact.uncertainty:.1e} m at {steps}"
-    if exact.uncertainty > 0.2 * error:
-        text += f"; that is too near the wanted {error:g} m to tell settings apart reliably"
-    if exact.apart > error:
-        text += f"; there the two orders are {exact.apart:.1e} m apart, as where contacts keep them from converging"
+    known, apart = exact.uncertainty / exact.scale, exact.apart / exact.scale
+    text = f"converged to {known:.1e} of {exact.scale:.2g} m at {steps}"
+    if exact.scale != exact.moved:
+        text += "; nearly nothing moves, so errors are shares of a tenth of the largest object"
+    if known > 0.2 * error:
+        text += f"; that is too near the wanted {error:g} to tell settings apart reliably"
+    if apart > error:
+        text += f"; there the two orders are {apart:.1e} apart, as where contacts keep them from converging"
     if exact.chaotic:
         text += f"; compared over {exact.trusted - 1} frames only: beyond them the motion is chaotic"
     return text
@@ -155,4 +161,5 @@ def verdict_of(exact: Converged, error: float) -> str:
 
 def _words(row: dict) -> str:
     substeps = f"{row['substeps']} substeps" if row["substeps"] else "substeps as its error asks"
-    return f"{substeps} x {row['iterations'] or 1} iterations, {row['position']:.2e} m, {row['ms']:.3f} ms a frame"
+    error = f"an error of {row['relative']:.2e}, {row['position']:.2e} m"
+    return f"{substeps} x {row['iterations'] or 1} iterations, {error}, {row['ms']:.3f} ms a frame"

@@ -2,6 +2,7 @@
 """Tuning a scene file: the scene is the node's, the choice is the cheapest that keeps the error, the file keeps its
 comments."""
 
+import json
 import re
 import subprocess
 import sys
@@ -100,7 +101,7 @@ def test_solver_settings_are_put_in_place(scene, old, new):
 
 
 def test_choice_is_the_cheapest_that_keeps_the_error_else_the_nearest():
-    rows = [{"ms": ms, "position": error} for ms, error in ((1.0, 0.1), (2.0, 0.01), (4.0, 0.001), (3.0, float("nan")))]
+    rows = [{"ms": ms, "relative": error} for ms, error in ((1.0, 0.1), (2.0, 0.01), (4.0, 0.001), (3.0, float("nan")))]
     assert tune.choose(rows, 0.02, None)["ms"] == 2.0
     assert tune.choose(rows, 1e-6, None)["ms"] == 4.0
     assert tune.choose(rows, 1e-6, 3.5)["ms"] == 2.0
@@ -109,12 +110,17 @@ def test_choice_is_the_cheapest_that_keeps_the_error_else_the_nearest():
 
 @pytest.mark.long
 def test_tune_meets_its_error_and_says_so(monkeypatch, tmp_path, scene, capsys):
-    options = ("--device", "cpu", "--error", "1e-3", "--seconds", "0.3", "--substeps", "2", "10", "40")
+    options = ("--device", "cpu", "--error", "1e-2", "--seconds", "0.3", "--substeps", "2", "10", "40")
     more = ("--iterations", "1", "2", "--output", str(tmp_path), "--move", "ball", "0", "-0.5", "0")
     monkeypatch.setattr(sys, "argv", ["study", "tune", str(scene), *options, *more])
     assert __main__.main() == 0
     text = capsys.readouterr().out
-    assert "which meets 0.001 m" in text and "the file's own settings" in text
+    assert "which meets 0.01\n" in text and "the file's own settings" in text
+    stored = json.loads((tmp_path / "tuned_scene.json").read_text())
+    moved = float(re.search(r"RMS motion ([\d.e-]+) m", text)[1])
+    errors = [(row["position"], row["relative"]) for row in stored["rows"] if row["position"] is not None]
+    assert all(relative == pytest.approx(position / moved, rel=0.05) for position, relative in errors), "of the motion"
+    assert 1e-4 < stored["chosen"]["relative"] <= 1e-2
     assert not re.search(r"\b0 (substeps|iterations)", text), "0 stands for a choice, which no reader knows"
     chosen = scene_file.read_plan(tmp_path / "tuned_scene.yaml").settings
     assert chosen.substeps in (2, 10, 40) and "# keep me" in (tmp_path / "tuned_scene.yaml").read_text()
@@ -145,3 +151,13 @@ def test_converged_motion_is_that_of_the_exact_chain():
     exact = motion.exact_frames(system, start, 0.0 * start, 1.0 / 60.0, 12, 1e-5)[0]
     assert not found.chaotic and found.order == 2
     assert norms.rms(found.frames[1:] - exact[1:]) < max(2.0 * found.uncertainty, 1e-6) and found.uncertainty < 1e-4
+
+
+def test_an_error_is_relative_to_the_motion_or_to_the_size_of_what_rests():
+    plan = Plan(
+        Scene(objects={"rope": Rope(segments=8), "short": Rope(segments=1, end=(0, 0, 0.5))}), Settings(), "cpu"
+    )
+    frames = np.zeros((3, 11, 3))
+    assert convergence.scale_of(plan, frames) == pytest.approx(0.1), "a tenth of the longer rope"
+    frames[1:, :, 2] = -0.2
+    assert convergence.scale_of(plan, frames) == pytest.approx(0.2)
