@@ -62,7 +62,7 @@ def refuse_others(arguments: list[str]) -> None:
 
 def spin(stop: Stop, keys: dict[str, list[str]]) -> None:
     """Run the node until `stop` is set, then shut everything down. keys: parameter file -> nodes that it is for."""
-    # Collecting garbage takes a third of the import, and 0.1 s each time that a frame has to wait for it later.
+    # Collecting garbage takes a fifth of the import, and 0.1 s each time that a frame has to wait for it later.
     gc.disable()
     import rclpy
     import warp

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The arguments of every stage of a substep."""
+"""The arguments of every stage of a substep.
+
+Functions take a Context, a Model or a State by value. By reference (`wp.ref`) CUDA's compiler makes a frame in half of
+the time, but keeps them in local memory where the scene has facets: 27 kB a thread for 1.4.
+"""
 
 import warp as wp
 

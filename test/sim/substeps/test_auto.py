@@ -187,7 +187,7 @@ def test_a_live_change_of_kernels_carries_the_state_over_and_says_so(caplog):
     """The sheet gets so thin that a ball comes between its particles."""
     ball = {"ball": Sphere(radius=0.5, position=(0, 0, -0.8))}
     sim = Simulation(Scene({"it": THICK}, ball), Settings(substeps=20, order=2), "cpu")
-    sim.set("it.static_friction", 0.25)
+    sim.set("it.static_friction", 0.75)
     sim.step(20)
     x, v, builds = sim.positions("it"), sim.velocities("it"), sim.builds
     with caplog.at_level(logging.INFO):
@@ -195,7 +195,7 @@ def test_a_live_change_of_kernels_carries_the_state_over_and_says_so(caplog):
     assert [record.message for record in caplog.records] == [f"it now {sim.choices['it'].reason}"]
     assert sim.builds == builds + 1
     assert np.array_equal(sim.positions("it"), x) and np.array_equal(sim.velocities("it"), v)
-    assert sim.get("it.static_friction") == 0.25
+    assert sim.get("it.static_friction") == 0.75
     sim.step(60)
     assert 1e-3 < np.abs(sim.positions("it") - x).max() < 1.0
 
