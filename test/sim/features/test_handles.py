@@ -123,6 +123,22 @@ def test_a_soft_hold_gives_way_by_its_compliance(device, compliance):
         assert sim.handle_wrench("hand")[0][2] == pytest.approx(-WEIGHT, rel=0.01)
 
 
+@pytest.mark.parametrize("substeps", [6, 11, 20, 60])
+def test_a_rigid_hold_does_not_give_way_under_load(device, substeps):
+    """A hand stretches a rope to 650 N. It stood 0.5 mm off at 11 substeps, as its force was limited there."""
+    rope = Rope(start=(0, 0, 1), end=(0.5, 0, 1), segments=34, pins=[0], mass=0.02, stretch_compliance=1 / 1.5e4)
+    hand = Handle(position=(0.5, 0, 1), reach=0.006, attached=True)
+    scene = Scene({"rope": rope}, handles={"hand": hand})
+    sim = Simulation(scene, Settings(substeps=substeps), device=device)
+    stretch = 0.5 * 650.0 / 1.5e4
+    for frame in range(1, 61):
+        sim.set_handle_pose("hand", (0.5 + stretch * frame / 60, 0, 1), (0, 0, 0, 1))
+        sim.step()
+    sim.step(30)
+    assert sim.positions("rope")[-1, 0] == pytest.approx(0.5 + stretch, abs=3e-5)
+    assert sim.handle_wrench("hand")[0][0] == pytest.approx(-650.0, rel=2e-3)
+
+
 def test_a_very_soft_hold_far_away_pulls_with_a_constant_force(device):
     """F t^2 / 2 m of a rope in free space, though in a substep the pull moves it by 1e-10 of the way to its hand."""
     force, far = 0.02, 1e3

@@ -23,6 +23,8 @@ RIGID = wp.constant(1.0e-3)
 FIRMEST = wp.constant(3.0e-6)
 KEPT = wp.constant(0.99)  # fraction of the last force that a hold begins with; the rest decays if no load needs it
 CATCH_UP = wp.constant(1.0)  # largest speed of a late particle relative to its handle [m/s]
+# Largest speed at which a rigid hold begins to move a particle that its load let go [m/s]; it bounds the load.
+RECOIL = wp.constant(5.0)
 HELD = 2.0e-3  # fraction of the inverse mass; a particle with less left is held, and no collider moves it
 
 
@@ -39,7 +41,8 @@ def grip_of(i: int, ctx: Context) -> wp.vec4:
 @wp.func
 def firm_of(w: float, ctx: Context) -> float:
     """Return the compliance [m/N] of a rigid hold of one particle of inverse mass w."""
-    return wp.min(RIGID * w * ctx.step.effective * ctx.step.effective, FIRMEST)
+    effective = 2.0 / 3.0 * ctx.frame.dt  # of order 2, also where a substep is of order 1: the load stays where it is
+    return wp.min(RIGID * w * effective * effective, FIRMEST)
 
 
 @wp.func
@@ -88,7 +91,7 @@ def _limited(v: wp.vec3, most: float) -> wp.vec3:
 def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
     """Return the force [N] with which a rigid hold of particle g of the batch begins a substep; 0 for a soft one.
 
-    It is at most the force of a spring of that compliance, stretched by the way that CATCH_UP allows in a substep.
+    It is at most the force of a spring of that compliance, stretched by the way that RECOIL allows in a substep.
     """
     if ctx.handles[number].compliance > 0.0:
         return wp.vec3(0.0)
@@ -98,7 +101,7 @@ def pull_before(g: int, number: int, give: float, ctx: Context) -> wp.vec3:
 @wp.func
 def limited_pull(pull: wp.vec3, give: float, ctx: Context) -> wp.vec3:
     """Return the force [N] with which a rigid hold begins a substep, after a pull in the last one."""
-    return _limited(KEPT * pull, CATCH_UP * ctx.frame.dt / give)
+    return _limited(KEPT * pull, RECOIL * ctx.frame.dt / give)
 
 
 @wp.func
