@@ -27,6 +27,7 @@ class Features:
     shapes: tuple[str, ...]  # collider shapes
     order: int
     method: str
+    segments: bool = False  # its facets are segments, not triangles
     worlds: bool = False  # True for several worlds, each with its own state
     beam: bool = False  # a chain that resists bending
     winch: bool = False  # a chain that a winch feeds
@@ -95,6 +96,7 @@ class Features:
             shapes=shapes,
             order=order,
             method=method,
+            segments=not len(topology.triangles),
             worlds=worlds,
             beam=beam,
             winch=topology.winch is not None,

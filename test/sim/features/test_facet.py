@@ -20,11 +20,12 @@ SHAPES = {
 }
 NAMES = tuple(sorted(SHAPES))
 STEPS = 60
-deepest = make_deepest(NAMES)
+deepest, of_segment = (make_deepest(NAMES, segments) for segments in (False, True))
 distance = make_signed_distance(NAMES)
 
 MESH = number_of("mesh")
-of_mesh, to_mesh = make_deepest(("mesh",)), make_signed_distance(("mesh",))
+of_mesh, in_mesh = (make_deepest(("mesh",), segments) for segments in (False, True))
+to_mesh = make_signed_distance(("mesh",))
 STEP = 1.2e-3  # [m], twice the thickness of cotton
 FARTHEST = 10.0  # thickness [m] with which no distance is only bounded
 
@@ -37,6 +38,8 @@ def look_at_mesh(
     k = wp.tid()
     facet = facets[k]
     found[k, 0] = of_mesh(MESH, size, data, facet, wp.static(0.5 * STEP), wp.vec3(0.0)).value
+    if facet.is_segment:
+        found[k, 0] = in_mesh(MESH, size, data, facet, wp.static(0.5 * STEP), wp.vec3(0.0)).value
     least = float(1.0e30)
     for i in range(steps + 1):
         for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
@@ -50,12 +53,10 @@ def look(facets: wp.array(dtype=Facet), shape: int, size: wp.vec3, steps: int, f
     """Of each facet: the distance at the point found, and the least of points spread over it [m]."""
     k = wp.tid()
     facet = facets[k]
-    found[k, 0] = distance(
-        shape,
-        point_of(facet, deepest(shape, size, wp.uint64(0), facet, wp.static(FARTHEST), wp.vec3(0.0)).weights),
-        size,
-        wp.uint64(0),
-    )[3]
+    best = deepest(shape, size, wp.uint64(0), facet, wp.static(FARTHEST), wp.vec3(0.0))
+    if facet.is_segment:
+        best = of_segment(shape, size, wp.uint64(0), facet, wp.static(FARTHEST), wp.vec3(0.0))
+    found[k, 0] = distance(shape, point_of(facet, best.weights), size, wp.uint64(0))[3]
     least = float(1.0e30)
     for i in range(steps + 1):
         for j in range(wp.where(facet.is_segment, 1, steps + 1 - i)):
@@ -74,6 +75,8 @@ def compare(
     k = wp.tid()
     facet = facets[k]
     best = deepest(shape, size, wp.uint64(0), facet, 0.01, wp.vec3(0.0))
+    if facet.is_segment:
+        best = of_segment(shape, size, wp.uint64(0), facet, 0.01, wp.vec3(0.0))
     g, c = wp.vec3(best.plane[0], best.plane[1], best.plane[2]), best.plane[3]
     found[k, 0] = best.value
     found[k, 1] = wp.min(wp.min(wp.dot(g, facet.a), wp.dot(g, facet.b)), wp.dot(g, facet.c)) + c

@@ -63,9 +63,10 @@ def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> fl
     return wp.where(goes > has, 1.0 - has / wp.max(goes, 1.0e-30), 0.0)
 
 
-def _make_given_up(shapes: tuple[str, ...]):
+def _make_given_up(features: Features):
     """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
-    deepest, width, lowest = make_deepest(shapes), make_width(shapes), make_least(shapes)
+    shapes = features.shapes
+    deepest, width, lowest = make_deepest(shapes, features.segments), make_width(shapes), make_least(shapes)
 
     @wp.func
     def given_up(corners: wp.vec3i, entry: int, collider: ColliderMotion, sweep: Sweep, ctx: Context) -> wp.vec3:
@@ -127,7 +128,7 @@ def make_facet_clamp(features: Features):
 
     Thread t of `width` does its share.
     """
-    given_up, near_of = _make_given_up(features.shapes), make_near_of(features.listed)
+    given_up, near_of = _make_given_up(features), make_near_of(features.listed)
 
     @wp.func
     def stop(t: int, width: int, ctx: Context):

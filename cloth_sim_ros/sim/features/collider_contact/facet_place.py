@@ -124,9 +124,9 @@ def looked(facet: Facet, found: Deepest) -> Look:
     return look
 
 
-def _make_pressed_at(shapes: tuple[str, ...]):
+def _make_pressed_at(features: Features):
     """Return a Warp function: the weights of the point at which a collider presses a facet that touches it."""
-    has_edges, balanced = make_has_edges(shapes), make_balanced(shapes)
+    has_edges, balanced = make_has_edges(features.shapes), make_balanced(features.shapes)
 
     @wp.func
     def deepest(facet: Facet, found: Deepest, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
@@ -135,20 +135,20 @@ def _make_pressed_at(shapes: tuple[str, ...]):
     @wp.func
     def pressed_at(facet: Facet, found: Deepest, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
         # The load of a pinch is that of one point.
-        if facet.is_segment or collider.opposite != 0 or wp.max(found.weights) > CORNER:
+        if collider.opposite != 0 or wp.max(found.weights) > CORNER:
             return found.weights
         if not has_edges(collider.shape, collider.data):
             return found.weights
         note_searches(1, collider, ctx)
         return balanced(collider.shape, collider.size, collider.data, facet, found, thickness)
 
-    return pressed_at if has_edges is not None else deepest
+    return deepest if features.segments or has_edges is None else pressed_at
 
 
 def make_touched_in(features: Features):
     """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
-    touched, is_beyond = make_touched(features.shapes), make_is_beyond(features.shapes)
-    least, pressed_at = make_least(features.shapes), _make_pressed_at(features.shapes)
+    touched, is_beyond = make_touched(features.shapes, features.segments), make_is_beyond(features.shapes)
+    least, pressed_at = make_least(features.shapes), _make_pressed_at(features)
 
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:

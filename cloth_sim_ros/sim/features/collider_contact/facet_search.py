@@ -130,18 +130,26 @@ def make_along(shapes: tuple[str, ...]):
     return along
 
 
+def _make_line_search(shapes: tuple[str, ...]):
+    along = make_along(shapes)
+
+    @wp.func
+    def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
+        line, best = along(shape, size, data, facet.a, facet.b - facet.a), Deepest()
+        best.weights = wp.vec3(1.0 - line.at, line.at, 0.0)
+        best.value = line.value
+        best.plane = line.plane
+        return best
+
+    return search
+
+
 def _make_search(shapes: tuple[str, ...]):
-    signed_distance, along = make_signed_distance(shapes), make_along(shapes)
+    signed_distance = make_signed_distance(shapes)
 
     @wp.func
     def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         best = Deepest()
-        if facet.is_segment:
-            line = along(shape, size, data, facet.a, facet.b - facet.a)
-            best.weights = wp.vec3(1.0 - line.at, line.at, 0.0)
-            best.value = line.value
-            best.plane = line.plane
-            return best
         p, q = facet.b - facet.a, facet.c - facet.a
         length = wp.length(p) + wp.length(q)
         bundle, at = Bundle(), wp.vec3(1.0 / 3.0, 1.0 / 3.0, 0.0)
@@ -202,8 +210,8 @@ def _make_row_search(shapes: tuple[str, ...]):
 
     @wp.func
     def search(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
-        # A segment has only the first row. One loop serves the first row and those between it and the tip, so the
-        # compiler emits the search along a row once.
+        # One loop serves the first row and those between it and the tip, so the compiler emits the search along a row
+        # once.
         u = float(0.0)
         low = wp.vec3(0.0)
         high = wp.vec3(0.0)
@@ -219,9 +227,6 @@ def _make_row_search(shapes: tuple[str, ...]):
                 best.value = ctx.value
             if k == 0:
                 best.plane = ctx.plane
-                if facet.is_segment:
-                    best.weights = wp.vec3(1.0 - ctx.at, ctx.at, 0.0)
-                    return best
                 if slope >= 0.0:
                     return best
                 tip = signed_distance(shape, facet.b, size, data)
@@ -251,16 +256,21 @@ def _make_row_search(shapes: tuple[str, ...]):
     return search
 
 
-def make_deepest(shapes: tuple[str, ...]):
+def make_deepest(shapes: tuple[str, ...], segments: bool):
     """Return a Warp function: the Deepest point of a facet in a collider of `shapes`.
 
     A facet farther than `thickness` [m] may be told a lower bound of its distance, of at least half the way from there.
     In a non-convex shape a few samples are compared, and then the part of the facet around the deepest is searched.
     known: weights of a point that is taken instead; or 0. There, one that no sample shows within STEP thicknesses has
-    weights 0.
+    weights 0. segments: True for segments, False for triangles.
     """
-    width, search = make_width(shapes), _or_formula(_make_search(shapes), shapes)
-    return search if width is None else _or_spread(search, _make_row_search(shapes), shapes, width)
+    width = make_width(shapes)
+    search = _make_line_search(shapes) if segments else _make_search(shapes)
+    search = _or_formula(search, shapes)
+    if width is None:
+        return search
+    local = _make_line_search(shapes) if segments else _make_row_search(shapes)
+    return _or_spread(search, local, shapes, width, segments)
 
 
 def _or_formula(search, shapes: tuple[str, ...]):
@@ -285,7 +295,7 @@ def _or_formula(search, shapes: tuple[str, ...]):
     return told
 
 
-def _or_spread(search, row_search, shapes: tuple[str, ...], width):
+def _or_spread(search, local_search, shapes: tuple[str, ...], width, segments: bool):
     signed_distance = make_signed_distance(shapes)
     is_beyond = make_is_beyond(shapes)
 
@@ -297,13 +307,15 @@ def _or_spread(search, row_search, shapes: tuple[str, ...], width):
         best = Deepest()
         best.value = STEP * thickness + apart  # farther samples need not be told apart
         is_known = wp.max(known) > 0.0
-        count = wp.where(is_known, 1, (steps + 1) * (steps + 1))
+        count = wp.where(is_known, 1, (steps + 1) * wp.where(wp.static(segments), 1, steps + 1))
         k = int(0)
         while k < count:
             u, v = share * float(k / (steps + 1)), share * float(k % (steps + 1))
             k += 1
             weights = wp.where(is_known, known, wp.vec3(1.0 - u - v, u, v))
-            if wp.min(weights) < -1.0e-6 or (facet.is_segment and weights[2] > 0.0):
+            if wp.static(segments) and not is_known:
+                weights = wp.vec3(1.0 - v, v, 0.0)
+            if wp.min(weights) < -1.0e-6:
                 continue
             p = point_of(facet, weights)
             if wp.static(is_beyond is not None):
@@ -322,7 +334,7 @@ def _or_spread(search, row_search, shapes: tuple[str, ...], width):
         part.a = around * facet.a + (1.0 - around) * point_of(facet, middle)
         part.b = around * facet.b + (1.0 - around) * point_of(facet, middle)
         part.c = around * facet.c + (1.0 - around) * point_of(facet, middle)
-        local = row_search(shape, size, data, part, thickness, known)
+        local = local_search(shape, size, data, part, thickness, known)
         if local.value < best.value:
             best = local
             best.weights = around * local.weights + (1.0 - around) * middle
@@ -371,7 +383,7 @@ def is_same_side(a: wp.vec4, b: wp.vec4) -> bool:
     return wp.dot(xyz(a), xyz(b)) > 0.5 * wp.length(xyz(a)) * wp.length(xyz(b))
 
 
-def make_touched(shapes: tuple[str, ...]):
+def make_touched(shapes: tuple[str, ...], segments: bool):
     """Return a Warp function: the point of a facet that a collider of `shapes` touched first in the substep.
 
     If it touched none, or moved by less than FAST times the thickness, this is the deepest point at the end. So it is
@@ -380,7 +392,7 @@ def make_touched(shapes: tuple[str, ...]):
 
     The search is by conservative advancement: no point comes nearer than by its own displacement.
     """
-    deepest = make_deepest(shapes)
+    deepest = make_deepest(shapes, segments)
 
     @wp.func
     def touched(
@@ -399,7 +411,7 @@ def make_touched(shapes: tuple[str, ...]):
                 gap = touch.deepest.value - thickness
                 if gap > 1.0e-3 * thickness:
                     touch.left = wp.max(touch.left - gap / way, 0.0)
-                elif facet.is_segment:
+                elif wp.static(segments):
                     first = touch
                     touch.left = 0.0
                     gap = 1.0

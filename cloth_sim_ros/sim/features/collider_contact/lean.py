@@ -54,21 +54,23 @@ ROUNDING = wp.constant(2.4e-7)  # rounding error of a gap as a fraction of the d
 
 
 @wp.func
-def ratio_of(first: int, end: int, w: float, n: wp.vec3, ctx: Context) -> float:
-    """Return R of a point of inverse mass w [1/kg] of a rope that is pressed along n, between two of its particles."""
-    way = xyz(load4(ctx.x, end) - load4(ctx.x, first))
-    along = wp.dot(way, n) / wp.max(wp.length(way), SHORTEST)
+def ratio_of(first: int, last: int, w: float, n: wp.vec3, ctx: Context) -> float:
+    """Return R of a point of inverse mass w [1/kg] of a rope that is pressed along n, beside these of its segments."""
+    pull = float(0.0)
+    for k in range(wp.max(first, 0), wp.min(last, ctx.body.count - 2) + 1):
+        way = xyz(load4(ctx.x, k + 1) - load4(ctx.x, k))
+        along = wp.dot(way, n) / wp.max(wp.length(way), SHORTEST)
+        pull = wp.max(pull, along * along / ctx.model.segment_length[ctx.body.segments + k])
     square = (ctx.step.effective / SHORT) * (ctx.step.effective / SHORT)
-    segment = ctx.model.segment_length[ctx.body.segments + first]
-    yields = ctx.material.compliance[0] * segment * ctx.step.inverse_square
+    yields = ctx.material.compliance[0] * ctx.step.inverse_square
     least, most = wp.max(RATIO * wp.min(square, 1.0), LEAST), RATIO * wp.max(square, 1.0)
-    return wp.clamp(along * along * w / wp.max(yields, 1.0e-20), least, most)
+    return wp.clamp(w * pull / wp.max(yields, 1.0e-20), least, most)
 
 
 @wp.func
 def ratio_at(i: int, w: float, n: wp.vec3, ctx: Context) -> float:
     """Return R of particle i of a rope, likewise."""
-    return ratio_of(wp.max(i - 1, 0), wp.min(i + 1, ctx.body.count - 1), w, n, ctx)
+    return ratio_of(i - 1, i, w, n, ctx)
 
 
 @wp.func
@@ -392,7 +394,7 @@ def _make_watch(features: Features):
 
     The function returns -dp/dt [1/m].
     """
-    touched_in, deepest = make_touched_in(features), make_deepest(features.shapes)
+    touched_in, deepest = make_touched_in(features), make_deepest(features.shapes, True)
     signed_distance = make_signed_distance(features.shapes)
 
     @wp.func
@@ -467,7 +469,7 @@ def make_lean_between(features: Features):
                 facet, w = facet_of(corners, ctx, sweep), _inverse_mass(corners, weights, ctx)
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
                 met, _overlap = meet(corners, press.weights, collider, sweep, facet, ctx.material.thickness, ctx)
-                ratio = ratio_of(k, k + 1, w, wp.transpose(sweep.to_local) * xyz(met), ctx)
+                ratio = ratio_of(k - 1, k + 1, w, wp.transpose(sweep.to_local) * xyz(met), ctx)
                 met[3] += NOISE - press.rounded  # as in surface.py
                 local = sweep.to_local * press.normal
                 before = wp.vec3(0.0)
