@@ -33,7 +33,7 @@ ATTEMPTS = wp.constant(5)
 NEWTON_STEPS, WHOLE_STEPS = wp.constant(32), wp.constant(20)
 CONTACT_STEPS, WHOLE_CONTACT_STEPS = wp.constant(16), wp.constant(8)
 
-PARTICLES, SEGMENTS = wp.constant(1), wp.constant(2)  # kinds of contact
+PARTICLES, SEGMENTS, ANY = wp.constant(1), wp.constant(2), wp.constant(3)  # kinds of contact
 
 # Cost of a Newton step for a particle, in tests of facets for contact (see prices.py).
 TESTS = wp.constant(4.0)
@@ -164,44 +164,32 @@ def _make_attempt(features: Features, threads: int):
 
 
 def _make_lean_all(features: Features, threads: int):
-    """Return a Warp function that finds what touches a rope, of which `kinds`, before a solve."""
+    """Return a Warp function that finds what touches a rope, of which `kinds`, at solve `k` of a substep.
+
+    With `writes` the next solve takes what is found. Else it returns which kinds of contact have to be solved again.
+    """
     near_of, lean = make_near_of(features.listed), make_lean(features)
     lean_between = make_lean_between(features) if features.surface else None
 
     @wp.func
-    def lean_all(t: int, kinds: int, k: int, ctx: Context):
+    def lean_all(t: int, kinds: int, k: int, writes: bool, ctx: Context) -> int:
         if kinds == 0:
-            return
-        near = near_of(ctx)
+            return 0
+        near, open, changes = near_of(ctx), int(0), int(0)
         if kinds & PARTICLES != 0:
             for i in range(t, ctx.body.count, wp.static(threads)):
-                lean(i, near, ctx, k, True)
+                if lean(i, near, ctx, k, writes):
+                    open = PARTICLES
         if wp.static(lean_between is not None):
             sync()
             for j in range(t, ctx.body.count - 1, wp.static(threads)):
-                lean_between(j, near, ctx, True)
-
-    return lean_all
-
-
-def _make_left_open(features: Features, threads: int):
-    """Return a Warp function that tells which kinds of contact have to be solved again, after `k` solves."""
-    near_of, lean = make_near_of(features.listed), make_lean(features)
-    lean_between = make_lean_between(features) if features.surface else None
-
-    @wp.func
-    def left_open(t: int, k: int, ctx: Context) -> int:
-        near, open, changes = near_of(ctx), int(0), int(0)
-        for i in range(t, ctx.body.count, wp.static(threads)):
-            if lean(i, near, ctx, k, False):
-                open = PARTICLES
-        if wp.static(lean_between is not None):
-            for j in range(t, ctx.body.count - 1, wp.static(threads)):
-                if lean_between(j, near, ctx, False):
+                if lean_between(j, near, ctx, writes):
                     changes = SEGMENTS
+        if writes:
+            return 0
         return wp.where(sync_any(open) != 0, PARTICLES, 0) + wp.where(sync_any(changes) != 0, SEGMENTS, 0)
 
-    return left_open
+    return lean_all
 
 
 @wp.func
@@ -248,28 +236,32 @@ def make_solve(features: Features, threads: int):
     """Return the stage in which `threads` threads solve a rope: Newton steps until all segments are settled."""
     winch, newton_step = features.winch, _make_newton_step(features, threads)
     lean_all = _make_lean_all(features, threads) if features.leans else None
-    left_open = _make_left_open(features, threads) if features.leans else None
 
     @wp.func
     def solve(t: int, ctx: Context) -> bool:
         first = int(0)
         if wp.static(winch):
             first = ctx.state.winch.winches[ctx.body.index].index
-        overstretched, again, steps = bool(False), bool(True), int(0)
-        kinds = int(wp.static(PARTICLES + SEGMENTS if features.leans else 0))  # of contact that is not settled
+        overstretched, again, unsettled, steps = bool(False), bool(True), bool(False), int(0)
+        kinds = int(wp.static(ANY if features.leans else 0))  # of contact that is not settled
+        solves = bool(True)  # else a turn looks what the last one left: the compiler emits this search once
         while again:
+            left = int(0)
             if wp.static(lean_all is not None):
-                lean_all(t, kinds, steps, ctx)
-            whole = steps < wp.where(kinds == 0, WHOLE_STEPS, WHOLE_CONTACT_STEPS) or steps == CONTACT_STEPS - 1
-            events = newton_step(t, first, wp.where(whole, 1.0, 0.5), ctx)
-            overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
-            steps += 1
-            again = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
-            if wp.static(left_open is not None):
-                kinds = 0
-                if steps < CONTACT_STEPS:
-                    kinds = left_open(t, steps, ctx)
-                    again = again or kinds != 0
+                left = lean_all(t, kinds, steps, solves, ctx)
+            if solves:
+                whole = steps < wp.where(kinds == 0, WHOLE_STEPS, WHOLE_CONTACT_STEPS) or steps == CONTACT_STEPS - 1
+                events = newton_step(t, first, wp.where(whole, 1.0, 0.5), ctx)
+                overstretched = sync_any(events & (TOO_FAR | OVERSTRETCHED)) != 0 or overstretched
+                steps += 1
+                unsettled = sync_any(events & UNSETTLED) != 0 and steps < NEWTON_STEPS
+                solves = steps >= wp.static(int(CONTACT_STEPS) if features.leans else 0)
+                kinds = wp.where(solves, 0, ANY)
+                again = unsettled or not solves
+            else:
+                kinds = left
+                again = unsettled or kinds != 0
+                solves = True
         note_steps(t, steps, ctx)
         return overstretched
 
