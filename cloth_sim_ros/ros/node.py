@@ -129,7 +129,8 @@ class ClothSimNode(Node):
             self._complaints.refuse(topic, reason)
             return
         if way > 0.0:
-            self._loop.submit(lambda: self._complaints.jump(topic, way, self._loop.world.is_empty(name)))
+            is_empty = partial(self._loop.world.is_empty, name)
+            self._loop.submit(lambda: self._complaints.jump(topic, way, is_empty))
 
     def _on_scene(self, message: MarkerArray) -> None:
         world = self._loop.world

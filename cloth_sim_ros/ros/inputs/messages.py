@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import PolygonStamped, PoseStamped, Vector3Stamped
@@ -131,15 +132,15 @@ class Complaints:
         """Log why a message on `topic` has no effect, which may be intended."""
         self._warn(topic, "ignore", f"a message on {topic} has no effect: {sentence}")
 
-    def jump(self, topic: str, way: float, is_empty: bool = False) -> None:
+    def jump(self, topic: str, way: float, is_empty: Callable[[], bool] = lambda: False) -> None:
         """Log that a message on `topic` moves its target by `way` [m] in one frame, if that is far.
 
-        is_empty: True for a hand that holds nothing. It is no warning: a user who drags by hand pauses, and goes on as
-        fast.
+        is_empty: True for a hand that holds nothing; it is asked only then, as it waits for the device. It is no
+        warning: a user who drags by hand pauses, and goes on as fast.
         """
         if way > FAR and self._is_due(topic, "jump"):
             why = "its pose is the first, or came after a pause of more than pose_timeout; poses at 30 Hz go smoothly"
-            why = "it holds nothing, so nothing goes with it" if is_empty else why
+            why = "it holds nothing, so nothing goes with it" if is_empty() else why
             self._log.info(f"{topic} goes {way:.3g} m in one frame: {why}")
 
     def _warn(self, topic: str, kind: str, sentence: str) -> None:

@@ -23,7 +23,7 @@ from cloth_sim_ros.ros.parameters import names
 from cloth_sim_ros.ros.parameters.feasibility import broken_meshes, check_solver
 from cloth_sim_ros.ros.parameters.plan import make_plan, material_values
 from cloth_sim_ros.ros.parameters.plugins import load_plugins
-from cloth_sim_ros.sim.scene.objects import odd_friction, too_thick
+from cloth_sim_ros.sim.scene.objects import FRICTION, odd_friction, too_thick
 
 _RCLPY_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -197,9 +197,8 @@ class ParameterBridge:
             owner, _, field = name.rpartition(".")
             if owner in objects and field in ("thickness", "radius"):
                 said.append(too_thick(owner, objects[owner], self.values[name]))
-            if field in ("static_friction", "kinetic_friction"):
-                pair = (self.values[f"{owner}.{each}_friction"] for each in ("static", "kinetic"))
-                said.append(odd_friction(owner, *pair))
+            if field in FRICTION:
+                said.append(odd_friction(owner, *(self.values[f"{owner}.{each}"] for each in FRICTION)))
         return "; ".join(dict.fromkeys(filter(None, said)))
 
     def _coerce(self, parameters: list[RosParameter]) -> list[RosParameter]:

@@ -20,12 +20,11 @@ from cloth_sim_ros.sim.colliders.collider import Collider
 from cloth_sim_ros.sim.engine.bodies import Bodies
 from cloth_sim_ros.sim.input.checks import WorldSelection, check_worlds, named, names_of, worlds_of
 from cloth_sim_ros.sim.input.numbers import places
-from cloth_sim_ros.sim.scene.objects import Cloth, Rope, odd_friction, too_thick
+from cloth_sim_ros.sim.scene.objects import FRICTION, Cloth, Rope, odd_friction, too_thick
 from cloth_sim_ros.sim.substeps.choose import distinct
 from cloth_sim_ros.sim.substeps.limits import check_explicit
 
 _LOG = logging.getLogger(__name__)
-_FRICTION = ("static_friction", "kinetic_friction")
 _FAR_AWAY = 1e30  # negative reach [m] of a missing collider
 
 
@@ -183,7 +182,7 @@ class Live(Ropes, Hands):
         value, rows = self._checked(row, value, name, world), self._bodies.colliders
         if row not in collider.dimensions:
             rows.write(number, world, **{field: value})
-            if field in _FRICTION:
+            if field in FRICTION:
                 self._rubbed.add(owner)
             return
         sizes = rows.read(number, world)["size"].astype(np.float64)
@@ -252,7 +251,7 @@ class Live(Ropes, Hands):
         batch.materials.write(batch.index[owner], world, **{field: materials[field]})
         if field in ("compliance", "damping", "thickness"):
             self._bodies.choose_again()
-        elif field in _FRICTION:
+        elif field in FRICTION:
             self._rubbed.add(owner)
 
     def _tell_friction(self) -> None:
@@ -265,7 +264,7 @@ class Live(Ropes, Hands):
             colliders, number = self._bodies.colliders, self._bodies.collider_row.get(name)
             rows = self._bodies.materials_of(name, None) if number is None else colliders.read(number, None)
             worst = rows[np.argmax(rows["kinetic_friction"] - rows["static_friction"])]
-            static, kinetic = (worst[each] for each in _FRICTION)
+            static, kinetic = (worst[each] for each in FRICTION)
             if kinetic > static and name not in self._odd:
                 found.setdefault((static, kinetic), []).append(name)
             (self._odd.add if kinetic > static else self._odd.discard)(name)

@@ -360,6 +360,9 @@ def too_thick(name: str, thing: Cloth | Rope, thickness: float) -> str:
     return f"{name}.{field} is {thickness:g} m for a {kind} of {extent:.3g} m; {usual}"
 
 
+FRICTION = ("static_friction", "kinetic_friction")  # names of both coefficients
+
+
 def odd_friction(who: str, static: float, kinetic: float) -> str:
     """Return what is odd about two coefficients of friction, in one sentence; "" if they may be meant."""
     if kinetic <= static:
