@@ -108,7 +108,7 @@ def take_substeps(t: int, width: int, arrays: Arrays, b: int, old: int, new: int
     sync()  # all threads have read what one will write
     if t == 0:
         arrays.state.control.substeps[b] = new
-        if old != new:
+        if new > 2 * old:  # a history that is dropped costs a smooth motion accuracy
             forget_rope(arrays, b)
 
 
