@@ -9,8 +9,8 @@ substep: truncation in time, and what a single sweep of the constraints leaves.
 The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) then takes as many substeps
 that the errors of the frames in half a second add up to the wanted one.
 
-At the start nothing is known. So the first frame that is measured is computed again with more substeps while its error
-is far beyond the wanted one, as where a bent rope springs open. So is the first after a body was placed elsewhere.
+At the start nothing is known. So each of the first frames is computed again with more substeps while its error is far
+beyond the wanted one, as where a bent rope springs open. So is the first after a body was placed elsewhere.
 
 The trials also tell how the work of contact falls with the substeps. Searches in a curved mesh go with the way of its
 facets, not with the substeps. Then fewer of them save little time, and the body does not take fewer.
@@ -29,7 +29,7 @@ from cloth_sim_ros.sim.kernels.intrinsics import load_row, sync, xyz
 from cloth_sim_ros.sim.substeps.arrays import StepLimits
 
 _RARELY = 5  # periods from one measurement of bodies in step to the next
-_FIRST = 4  # number of frames at the start that are all measured
+FIRST = wp.constant(4)  # number of frames at the start that are all measured
 _PERIOD = 0.1  # time from one measurement to the next [s]
 WINDOW = wp.constant(0.5)  # time over which solver.error counts [s]
 # Truncation errors of all frames in a window add up. What a sweep leaves falls with the first power of the substeps; it
@@ -48,7 +48,7 @@ STILL = wp.constant(6.0e-8)
 MOST_GROWTH, LEAST_GROWTH, LEAST_OF_ROPES = wp.constant(3.0), wp.constant(0.65), wp.constant(0.8)
 MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: less than one shrink undoes
-FAR = wp.constant(3.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
+FAR = wp.constant(2.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 OVER = wp.constant(1.25)  # largest time beyond the budget, as a multiple of that in the fewest substeps
 
@@ -60,7 +60,7 @@ def is_measured(frame: int, frame_dt: float, in_step: bool = False) -> bool:
     """
     if in_step:
         return frame % (_RARELY * period_of(frame_dt)) == 0
-    return frame % period_of(frame_dt) == 0 or frame < _FIRST
+    return frame % period_of(frame_dt) == 0 or frame < FIRST
 
 
 def period_of(frame_dt: float) -> int:
@@ -307,6 +307,7 @@ def control(
     since = s.control.since[b] + wp.vec4i(0)  # a copy, as one thread clears it
     elapsed = length * float(since[0])
     is_first = past[2] == 0.0
+    is_early = past[1] == 0.0 and past[2] < (float(FIRST) - 0.5) * length
     begins = is_first or past[2] + elapsed > WINDOW
     part, moved = float(0.0), float(0.0)
     for i in range(t, m.count, block):
@@ -347,7 +348,7 @@ def control(
         most[k] = pays
         if alone > 0:
             s.control.substeps[b] = better
-            if is_first and share > FAR * limits.error and n < pays:
+            if is_early and share > FAR * limits.error and n < pays:
                 wanted[k] = -wp.min(int(MOST_GROWTH) * n, pays)  # trials are too coarse to tell the order
                 far[0] = 1
     if alone > 0 and second > 0:
