@@ -63,7 +63,7 @@ def test_contact_with_a_mesh_takes_a_larger_share():
 
 
 def test_contact_of_a_rope_takes_its_share_of_the_budget():
-    """Over the edge of a box each substep takes several Newton steps: they cost about twice a substep beside it.
+    """Over the edge of a box each substep takes several Newton steps: they cost about four times a substep beside it.
 
     Out of reach a box costs three times a rope alone, as points between its particles are watched.
     """
@@ -77,7 +77,7 @@ def test_contact_of_a_rope_takes_its_share_of_the_budget():
         sim = Simulation(Scene({"it": rope}, boxes), Settings(error=1e-6, budget=0.05), device="cpu")
         substeps[place] = np.mean(substeps_taken(sim, 2 * FRAMES)[FRAMES:])
     assert 2.0 < substeps["alone"] / substeps["far"] < 5.0
-    assert 1.5 < substeps["far"] / substeps["across"] < 8.0
+    assert 2.0 < substeps["far"] / substeps["across"] < 8.0
 
 
 def test_objects_share_the_budget():
