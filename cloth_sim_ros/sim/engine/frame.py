@@ -39,5 +39,5 @@ def run_frame(batches: Sequence, measured: bool, frame: Callable[[int], None], r
                 each.watch()
 
     compute()
-    for each in measurements if measured else ():
+    for each in measurements:
         each.improve(compute)

@@ -55,7 +55,7 @@ class Measurement:
         watched = second and alone
         chosen = (self._wanted, self.most.flatten(), int(second), int(alone), int(watched), growth, self._far)
         self._control = launch(control, *remembered, differences, tests, *chosen)
-        self._watch = launch(watch, growth) if watched else None
+        self._watch = launch(watch, growth, self._wanted, self._far) if watched else None
         self._begin_better = launch(begin_better, self._wanted, self._far, int(second))
         self._alone = alone
         self._change = launch(change_substeps, 0, int(second))
@@ -74,7 +74,7 @@ class Measurement:
         self._control.launch()
 
     def improve(self, frame: Callable[[], None]) -> None:
-        """Compute the first frame again by `frame`, trials and all, as long as its error is far beyond the wanted."""
+        """Compute the frame again by `frame`, as long as its error is far beyond the wanted one and more is paid."""
         if self._alone:
             wp.capture_while(self._far, self._again, frame=frame)
 

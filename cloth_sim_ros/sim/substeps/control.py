@@ -9,14 +9,15 @@ substep: truncation in time, and what a single sweep of the constraints leaves.
 The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, II.4) then takes as many substeps
 that the errors of the frames in half a second add up to the wanted one.
 
-At the start nothing is known. So each of the first frames is computed again with more substeps while its error is far
-beyond the wanted one, as where a bent rope springs open. So is the first after a body was placed elsewhere.
+A frame whose error is far beyond the wanted one is computed again with more substeps. Of frames with trials these are
+the first, when nothing is known yet, as where a bent rope springs open, and the first after a body was placed elsewhere.
 
 The trials also tell how the work of contact falls with the substeps. Searches in a curved mesh go with the way of its
 facets, not with the substeps. Then fewer of them save little time, and the body does not take fewer.
 
 Between these frames the last substep of each tells how a sudden event changes its error, as a load that jerks its rope.
-Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it.
+Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it. Such
+a frame is computed again, too.
 """
 
 from typing import Any
@@ -42,13 +43,14 @@ FEW = wp.constant(16)  # substeps below which trials are too coarse to tell the 
 # The error is relative to the motion in the last window, and to this share of the body's size if it moved by less than
 # another share of it. Then it is at rest, and only its static shape counts.
 AT_REST, OF_SIZE = wp.constant(5.0e-3), wp.constant(0.1)
+OF_START = wp.constant(2.0e-2)  # the same of a body that was let go, as nobody knows yet how far it moves
 # Displacement in a window, as a share of the size, below which a body falls asleep: what float32 rounds.
 STILL = wp.constant(6.0e-8)
 # Bounds of the ratio of substeps in one change; ropes shrink less, as they whip before the next measurement.
 MOST_GROWTH, LEAST_GROWTH, LEAST_OF_ROPES = wp.constant(3.0), wp.constant(0.65), wp.constant(0.8)
 MOST_GROWN = wp.constant(4)  # largest factor over the most substeps that the budget pays without contact
 SLOW_GROWTH = wp.constant(1.25)  # largest ratio where the error does not fall: less than one shrink undoes
-FAR = wp.constant(2.0)  # a first frame is computed again in more substeps if its error is so many times the wanted one
+FAR = wp.constant(2.0)  # a frame is computed again in more substeps if its error is so many times the wanted one
 SPARE = wp.constant(0.9)  # substeps stay if this share of them would do
 OVER = wp.constant(1.25)  # largest time beyond the budget, as a multiple of that in the fewest substeps
 
@@ -258,7 +260,9 @@ def is_pressed(g: int, a: Arrays) -> bool:
 
 
 @compiled
-def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
+def watch(
+    given: wp.array(dtype=Arrays), growth: float, wanted: wp.array(dtype=int), far: wp.array(dtype=int), block: int
+):
     bodies = given[0].limits.shape[0]
     k, t = wp.tid() / block, wp.tid() % block
     w, b = k / bodies, k % bodies
@@ -279,6 +283,10 @@ def watch(given: wp.array(dtype=Arrays), growth: float, block: int):
     better = wp.max(n, chosen(n, share, 2.0, growth, n, pays, limits.error))
     take_substeps(t, block, given[w], b, n, better, 1)
     if t == 0:
+        wanted[k] = better
+        if share > FAR * limits.error and n < better:
+            wanted[k] = -better
+            far[0] = 1
         share = wp.max(share, share_of(known[0], known[1], n, 1, motion, length, growth, limits))
         s.control.errors[b] = wp.vec4(known[0], known[1], known[2] + share * length / WINDOW, known[3])
 
@@ -324,6 +332,8 @@ def control(
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
     motion = wp.max(way, past[1])
+    if is_early:
+        motion = wp.max(motion, OF_START * limits.size)
     share = share_of(error, order, n, second, motion, length, growth, limits)
     fixed = wp.where(since[3] == 0, fixed_share(n, since[2] - tests[0, k], tests[1, k]), past[3])
     pays = afforded(n, since, fixed, limits)
