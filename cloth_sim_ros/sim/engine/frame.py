@@ -40,4 +40,4 @@ def run_frame(batches: Sequence, measured: bool, frame: Callable[[int], None], r
 
     compute()
     for each in measurements:
-        each.improve(compute)
+        each.improve(compute, measured)

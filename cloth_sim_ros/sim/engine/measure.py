@@ -57,7 +57,7 @@ class Measurement:
         self._control = launch(control, *remembered, differences, tests, *chosen)
         self._watch = launch(watch, growth, self._wanted, self._far) if watched else None
         self._begin_better = launch(begin_better, self._wanted, self._far, int(second))
-        self._alone = alone
+        self._alone, self._ropes = alone, ropes
         self._change = launch(change_substeps, 0, int(second))
 
     def begin(self, divisor: int) -> None:
@@ -73,9 +73,12 @@ class Measurement:
         """Estimate the error of the frame, and the substeps that the next should take."""
         self._control.launch()
 
-    def improve(self, frame: Callable[[], None]) -> None:
-        """Compute the frame again by `frame`, as long as its error is far beyond the wanted one and more is paid."""
-        if self._alone:
+    def improve(self, frame: Callable[[], None], measured: bool) -> None:
+        """Compute the frame again by `frame`, as long as its error is far beyond the wanted one and more is paid.
+
+        measured: True for a frame with trials. Others are computed again of ropes alone.
+        """
+        if self._alone and (measured or self._ropes):
             wp.capture_while(self._far, self._again, frame=frame)
 
     def _again(self, frame: Callable[[], None]) -> None:

@@ -17,7 +17,7 @@ facets, not with the substeps. Then fewer of them save little time, and the body
 
 Between these frames the last substep of each tells how a sudden event changes its error, as a load that jerks its rope.
 Its displacement differs from that by the trapezoidal rule by a quarter of h^3 x_ttt, where BDF2 errs by 2/9 of it. Such
-a frame is computed again, too.
+a frame of a rope is computed again, too, as a whip is over before the next.
 """
 
 from typing import Any
@@ -284,7 +284,7 @@ def watch(
     take_substeps(t, block, given[w], b, n, better, 1)
     if t == 0:
         wanted[k] = better
-        if share > FAR * limits.error and n < better:
+        if growth > 1.0 and share > FAR * limits.error and n < better:
             wanted[k] = -better
             far[0] = 1
         share = wp.max(share, share_of(known[0], known[1], n, 1, motion, length, growth, limits))
@@ -332,7 +332,7 @@ def control(
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
     motion = wp.max(way, past[1])
-    if is_early:
+    if is_early and alone > 0:
         motion = wp.max(motion, OF_START * limits.size)
     share = share_of(error, order, n, second, motion, length, growth, limits)
     fixed = wp.where(since[3] == 0, fixed_share(n, since[2] - tests[0, k], tests[1, k]), past[3])
