@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from fixed_settings import fixed
 
-from cloth_sim_ros.sim import Cloth, Rope, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.sim import Cloth, Plane, Rope, Scene, Settings, Simulation, Sphere
 from cloth_sim_ros.sim.kernels.compiled import compiled
 from cloth_sim_ros.sim.substeps.control import chosen
 
@@ -21,6 +21,10 @@ METHODS = {
 
 
 BALL = {"ball": Sphere(radius=0.22, position=(0, 0.2, -0.24))}
+
+
+def rms(vectors):
+    return np.sqrt((vectors**2).sum(axis=-1).mean())
 
 
 def simulation(device, substeps=40, colliders=None, executor=None, thing=SHEET, **settings):
@@ -63,6 +67,29 @@ def test_it_is_of_the_size_of_the_error(device, method):
     sims[1].step(frames)
     true = np.sqrt(((sims[0].positions("it") - sims[1].positions("it")) ** 2).sum(1).mean())
     assert true / 2.5 < sum(estimates) < 2.5 * true
+
+
+@pytest.mark.long
+def test_a_frame_of_a_chaotic_motion_is_as_right_as_asked(device, tmp_path):
+    """A towel buckles on a ball. A frame from the same state in 16 times the substeps ends close by."""
+    towel = Cloth.of("cotton", resolution=(32, 32), size=(0.5, 0.5), position=(0, 0, 0.5), pins=None)
+    scene = Scene({"it": towel}, {"ball": Sphere(radius=0.12, position=(0, 0, 0.25)), "floor": Plane()})
+    sim, fine = (Simulation(scene, Settings(), device) for _ in range(2))
+    path, shares = [sim.positions("it")], []
+    for frame in range(72):
+        is_compared = frame > 9 and frame % 3 == 0
+        if is_compared:
+            sim.save(tmp_path / f"{frame}.npz")
+        before = sim.report()["it"]["substeps"]
+        sim.step()
+        path.append(sim.positions("it"))
+        if is_compared:
+            fine.load(tmp_path / f"{frame}.npz")
+            fine.set("solver.substeps", int(16 * max(before, sim.report()["it"]["substeps"])))
+            fine.step()
+            motion = max(rms(path[-1] - path[max(0, len(path) - 31)]), 0.1 * 0.5)
+            shares.append(rms(path[-1] - fine.positions("it")) / motion)
+    assert np.quantile(shares, 0.95) < sim.settings.error
 
 
 @pytest.mark.parametrize("thing", [SHEET, Rope(segments=20)], ids=["sheet", "rope"])
