@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from cloth_sim_ros.sim.colliders import curved_of
 from cloth_sim_ros.sim.topology import Topology
 from cloth_sim_ros.sim.topology.line_layout import slots_a_thread
 
@@ -50,6 +51,11 @@ class Features:
     def key(self) -> str:
         """Name of kernels with these features, equal in every process, so that caches on disk are found."""
         return hashlib.sha256(repr(self).encode()).hexdigest()[:12]
+
+    @property
+    def facet_shapes(self) -> tuple[str, ...]:
+        """Shapes against which facets are tested."""
+        return curved_of(self.shapes)
 
     @property
     def in_step(self) -> bool:

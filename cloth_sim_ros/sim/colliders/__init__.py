@@ -47,6 +47,11 @@ def shapes_of(colliders: Iterable[Collider], spare: bool = False) -> tuple[str, 
     return tuple(sorted({*map(shape_of, colliders), *(SPARE_SHAPES if spare else ())}))
 
 
+def curved_of(present: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the shapes in `present` that can come between particles, so that facets are tested against them."""
+    return tuple(name for name in present if not SHAPES[name].flat)
+
+
 @wp.func
 def _nothing(shape: int, p: wp.vec3, size: wp.vec3, data: wp.uint64) -> wp.vec4:
     return wp.vec4(0.0, 0.0, 1.0, 1.0e30)

@@ -62,9 +62,9 @@ class Collider:
     shape that may not be convex, a Warp function (data) -> twice its volume over its surface [m], or 0 where the
     distance is convex along every line. deepest: where a formula is faster than a search, a Warp function (a, b, c) ->
     weights of the corners in the deepest point of a triangle; b and c are equal for a segment. edged: True if its
-    surface may have sharp edges. cost: that of a distance on a CPU, over that from a box. wholes:
-    halves among `dimensions`, of which YAML has the double as in shape_msgs/SolidPrimitive, and its name there; these
-    come first.
+    surface may have sharp edges. flat: True if all of it is flat, so that a facet touches it at a particle first. cost:
+    that of a distance on a CPU, over that from a box. wholes: halves among `dimensions`, of which YAML has the double
+    as in shape_msgs/SolidPrimitive, and its name there; these come first.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -80,6 +80,7 @@ class Collider:
     width: ClassVar[wp.Function | None] = None
     deepest: ClassVar[wp.Function | None] = None
     edged: ClassVar[bool] = False
+    flat: ClassVar[bool] = False
     cost: ClassVar[int] = 1
 
     def __post_init__(self) -> None:

@@ -31,6 +31,7 @@ class Plane(Collider):
     point: Vector | None = None
     normal: Vector | None = None
     distance = signed_distance
+    flat = True
 
     def __post_init__(self) -> None:
         point, turned = self.point, None if self.normal is None else turn_to(self.normal, "Plane.normal")

@@ -10,7 +10,7 @@ The controller (Hairer, Norsett, Wanner, Solving Ordinary Differential Equations
 that the errors of the frames in half a second add up to the wanted one.
 
 A frame whose error is far beyond the wanted one is computed again with more substeps. Of frames with trials these are
-the first, when nothing is known yet, as where a bent rope springs open, and the first after a body was placed elsewhere.
+the first, when nothing is known yet, as where a bent rope springs open, and the first after a body was placed.
 
 The trials also tell how the work of contact falls with the substeps. Searches in a curved mesh go with the way of its
 facets, not with the substeps. Then fewer of them save little time, and the body does not take fewer.
@@ -331,9 +331,7 @@ def control(
     order = wp.clamp(wp.log2(differences[k] / wp.max(fine, 1.0e-12)), 0.0, 2.0)
     error = fine / wp.max(wp.pow(2.0, order) - 1.0, 1.0)
     way = wp.max(past[0], way)
-    motion = wp.max(way, past[1])
-    if is_early and alone > 0:
-        motion = wp.max(motion, OF_START * limits.size)
+    motion = wp.max(wp.max(way, past[1]), wp.where(is_early and alone > 0, OF_START * limits.size, 0.0))
     share = share_of(error, order, n, second, motion, length, growth, limits)
     fixed = wp.where(since[3] == 0, fixed_share(n, since[2] - tests[0, k], tests[1, k]), past[3])
     pays = afforded(n, since, fixed, limits)

@@ -65,7 +65,7 @@ def _given_up(start: wp.vec3, slip: wp.vec3, plane: wp.vec4, least: float) -> fl
 
 def _make_given_up(features: Features):
     """Return a Warp function: shares of their displacements that a facet's corners give up for one collider."""
-    shapes = features.shapes
+    shapes = features.facet_shapes
     deepest, width, lowest = make_deepest(shapes, features.segments), make_width(shapes), make_least(shapes)
 
     @wp.func

@@ -126,7 +126,7 @@ def looked(facet: Facet, found: Deepest) -> Look:
 
 def _make_pressed_at(features: Features):
     """Return a Warp function: the weights of the point at which a collider presses a facet that touches it."""
-    has_edges, balanced = make_has_edges(features.shapes), make_balanced(features.shapes)
+    has_edges, balanced = make_has_edges(features.facet_shapes), make_balanced(features.facet_shapes)
 
     @wp.func
     def deepest(facet: Facet, found: Deepest, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:
@@ -147,8 +147,9 @@ def _make_pressed_at(features: Features):
 
 def make_touched_in(features: Features):
     """Return a Warp function: the weights of the point of a facet that touches one collider; 0 if none can."""
-    touched, is_beyond = make_touched(features.shapes, features.segments), make_is_beyond(features.shapes)
-    least, pressed_at = make_least(features.shapes), _make_pressed_at(features)
+    shapes = features.facet_shapes
+    touched, is_beyond = make_touched(shapes, features.segments), make_is_beyond(shapes)
+    least, pressed_at = make_least(shapes), _make_pressed_at(features)
 
     @wp.func
     def touched_in(facet: Facet, entry: int, collider: ColliderMotion, thickness: float, ctx: Context) -> wp.vec3:

@@ -7,7 +7,7 @@ so its tangents bound it from below (Kelley 1960).
 
 import warp as wp
 
-from cloth_sim_ros.sim.colliders import make_formula, make_is_beyond, make_signed_distance, make_width
+from cloth_sim_ros.sim.colliders import SHAPES, make_formula, make_is_beyond, make_signed_distance, make_width
 from cloth_sim_ros.sim.features.collider_contact.bundle import Bundle, next_place, opened, tightened, within_sides
 from cloth_sim_ros.sim.features.collider_contact.facet import (
     CORNER,
@@ -277,12 +277,14 @@ def _or_formula(search, shapes: tuple[str, ...]):
     signed_distance, formula = make_signed_distance(shapes), make_formula(shapes)
     if formula is None:
         return search
+    searched = any(SHAPES[name].deepest is None for name in shapes)
 
     @wp.func
     def told(shape: int, size: wp.vec3, data: wp.uint64, facet: Facet, thickness: float, known: wp.vec3) -> Deepest:
         weights = formula(shape, facet.a, facet.b, facet.c)
-        if wp.max(weights) == 0.0:
-            return search(shape, size, data, facet, thickness, known)
+        if wp.static(searched):
+            if wp.max(weights) == 0.0:
+                return search(shape, size, data, facet, thickness, known)
         if facet.is_segment:
             weights = wp.vec3(weights[0], weights[1] + weights[2], 0.0)
         found, p = Deepest(), point_of(facet, weights)

@@ -394,8 +394,8 @@ def _make_watch(features: Features):
 
     The function returns -dp/dt [1/m].
     """
-    touched_in, deepest = make_touched_in(features), make_deepest(features.shapes, True)
-    signed_distance = make_signed_distance(features.shapes)
+    touched_in, deepest = make_touched_in(features), make_deepest(features.facet_shapes, True)
+    signed_distance = make_signed_distance(features.facet_shapes)
 
     @wp.func
     def tilted(collider: ColliderMotion, facet: Facet, at: float, n: wp.vec3, up: float, ctx: Context) -> wp.vec2:
