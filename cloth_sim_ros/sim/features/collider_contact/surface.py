@@ -233,6 +233,24 @@ def make_press_on(features: Features):
     return press_on
 
 
+@wp.func
+def _keep(found: Press, entry: int, ctx: Context):
+    """Store what a stage found; the solve of a rope and the clamp of facets write the other fields."""
+    presses = ctx.state.contact.presses
+    presses[entry].when = ctx.substep
+    presses[entry].weights = found.weights
+    presses[entry].push = found.push
+    presses[entry].rubbed = found.rubbed
+    presses[entry].rub = found.rub
+    presses[entry].normal = found.normal
+    presses[entry].so_far = found.so_far
+    presses[entry].stuck = found.stuck
+    presses[entry].slides = found.slides
+    presses[entry].anchor = found.anchor
+    presses[entry].load = found.load
+    presses[entry].part = found.part
+
+
 def _make_presses(features: Features):
     """Return a Warp function that stores the Press of a facet against collider c; False if it presses nowhere.
 
@@ -256,12 +274,7 @@ def _make_presses(features: Features):
         found = press_on(facet, weights, corners, entry, collider, sweep, last, ctx)
         if wp.max(found.weights) == 0.0:
             return False
-        found.lean = last.lean
-        found.rounded = last.rounded
-        found.acted = last.acted
-        found.friction = last.friction
-        found.when = ctx.substep
-        ctx.state.contact.presses[entry] = found
+        _keep(found, entry, ctx)
         return True
 
     return presses
