@@ -235,9 +235,10 @@ def make_press_on(features: Features):
 
 @wp.func
 def _keep(found: Press, entry: int, ctx: Context):
-    """Store what a stage found; the solve of a rope and the clamp of facets write the other fields."""
+    """Store what the stage found; the solve of a rope and the clamp of facets write the other fields."""
     presses = ctx.state.contact.presses
     presses[entry].when = ctx.substep
+    presses[entry].stopped = LONG_AGO
     presses[entry].weights = found.weights
     presses[entry].push = found.push
     presses[entry].rubbed = found.rubbed
