@@ -46,7 +46,7 @@ def pytest_sessionstart(session):
                 told = done
                 reporter.write_line(f"\ncompiling: {done} kernel modules so far, which later runs find ready")
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
     wp.init()
     ended = threading.Event()
     session.config.add_cleanup(ended.set)
@@ -71,7 +71,7 @@ def pytest_runtest_setup():
 @pytest.fixture(scope="session", autouse=True)
 def quiet():
     """Warp reports every kernel that it compiles; a test's output is for what fails."""
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_WARNING
 
 
 @pytest.fixture(scope="session")

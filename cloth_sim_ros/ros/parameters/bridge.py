@@ -79,7 +79,8 @@ class ParameterBridge:
         if any(row.name == "material" for row in rows.values()):
             self.values |= material_values(self.values, self._given)
         for name, row in rows.items():
-            value = ros_value(row, self.values[name])
+            # What a material makes of an object's size may be beyond its range; the plan then leaves the object out.
+            value = ros_value(row, bounded(row, self.values[name]))
             if name in self._refused:
                 usual = self.values[name] == _default(row, name, self.values)
                 source = "the default" if usual else "that of the material,"
@@ -379,6 +380,11 @@ def ros_value(row: Parameter, value: Any) -> Any:
     if row.kind == "pins" and not value:
         return "none"
     return list(value) if isinstance(value, tuple) else value
+
+
+def bounded(row: Parameter, value: Any) -> Any:
+    """Return a number within the range that ROS holds it to; other values as they are."""
+    return min(max(value, row.low), row.high) if row.kind == "double" and isinstance(value, float) else value
 
 
 def descriptor(row: Parameter, name: str) -> ParameterDescriptor:

@@ -56,11 +56,12 @@ _PASSING, _PASSING_ROPE = 6.0, 1.2
 def _missed(error: float, wanted: float, is_bounded: bool) -> str:
     """Return the end of a reason: which error is missed, if any, and what helps. is_bounded: by the budget."""
     if is_bounded:
-        missed = f"its error is {error:.2g} instead of {wanted:g}; a larger solver.budget or solver.error helps"
+        missed = f"its error is {error:.3g} instead of {wanted:g}; a larger solver.budget or solver.error helps"
         return f"; the budget allows no more substeps, so {missed}"
     if error > wanted:
-        missed = f"its error was {error:.2g} instead of {wanted:g} in the last half second, from folds or sudden motion"
-        return f"; {missed}; a set solver.substeps helps against the latter"
+        missed = f"its error was {error:.3g} instead of {wanted:g} in the last half second"
+        causes = "from folds, sudden motion, or frames for which the budget was too small"
+        return f"; {missed}, {causes}; a larger solver.budget helps against the last"
     return ""
 
 

@@ -254,10 +254,18 @@ def sheet_fields(
     for base, others in _FOLLOWERS.items():
         if base in given and base in fields:
             for name in others:
-                fields[name] = None if given[base] is None else fields[name] * given[base] / fields[base]
+                fields[name] = _in_proportion(fields[name], given[base], fields[base])
     if mesh and given.get("shear_compliance", 1.0) is None:
         fields |= {"weft_compliance": None, "poisson": 0.0}
     return {**fields, **given}
+
+
+def _in_proportion(usual: float, given: Any, base: float) -> float | None:
+    """A follower's `usual` value times what is `given` over the usual `base`; None, as the base, if that is rigid.
+
+    What is no number is left to the checks of the object.
+    """
+    return usual * given / base if isinstance(given, Real) and given else None
 
 
 # Largest shear modulus of a grid over that of which its diagonals alone are as stiff as the fabric along warp or weft.

@@ -46,7 +46,7 @@ class Energies:
 
 @wp.func
 def energy_of_spring(k: int, kind: int, b: int, a: Arrays) -> float:
-    """Elastic energy [J] of the spring in slot k of body b."""
+    """Elastic energy [J] of the spring in slot k of body b; a rigid one has none."""
     m, body = a.model, a.model.bodies[b]
     x, lo = array_address(a.state.positions, body.particles), array_address(a.state.position_lo, body.particles)
     i, j, rest = m.line_nodes[k], m.line_others[k], m.line_rests[k]
@@ -55,7 +55,7 @@ def energy_of_spring(k: int, kind: int, b: int, a: Arrays) -> float:
     if m.line_bases.shape[0] > 0:
         stretched = length - coupled_length(k, x, lo, m)
     compliance = m.line_scales[k] * compliance_of(a.materials[b], kind)
-    return 0.5 * (length - rest) * stretched / wp.max(compliance, 1.0e-30)
+    return wp.where(compliance > 0.0, 0.5 * (length - rest) * stretched / wp.max(compliance, 1.0e-30), 0.0)
 
 
 @wp.func

@@ -91,6 +91,16 @@ def test_a_mesh_can_be_mended_while_the_node_runs(start, client, tmp_path):
     assert len(fields(clouds[0])) == 4
 
 
+def test_what_a_material_makes_of_a_size_may_be_beyond_the_range(start):
+    objects = "long: {material: cotton, size: [5000, 5000]}\n"
+    objects += "    short: {type: rope, material: steel cable, start: [0, 0, 1], end: [0, 0, 1]}"
+    node = start(f"cloth_sim:\n  ros__parameters:\n    objects: [long, short]\n    {objects}\n").ready()
+    for said in ("long.mass is 3250000.0; allowed is", "short.mass is 0.0; allowed is"):
+        (line,) = [line for line in node.log.splitlines() if said in line]
+        assert "it is left out until that is mended" in line
+    assert "Traceback" not in node.log
+
+
 def test_a_device_that_is_not_there(start, client):
     node = start("cloth_sim:\n  ros__parameters:\n    objects: [cloth]\n    device: cuda:77\n")
     node.wait_for("cannot build the simulation: device is 'cuda:77'; allowed is auto or one of")

@@ -180,6 +180,16 @@ def test_a_cloth_let_go_comes_to_rest_by_the_air_and_not_by_the_steps(device):
     assert left(None, 20) > 30.0 * calm[0]
 
 
+def test_a_fabric_that_is_made_rigid_is_so_along_warp_and_weft(device):
+    cloth = Cloth.of("cotton", size=(0.4, 0.4), resolution=(9, 9), stretch_compliance=0, pins="top")
+    assert cloth.stretch_compliance == 0.0 and cloth.weft_compliance is None
+    sim = Simulation(Scene({"it": cloth}), device=device)
+    sim.step(30)
+    report = sim.report()["it"]
+    assert report["residual"] < 5e-4
+    assert report["elastic_energy"] < 0.1 * cloth.mass * 9.81 * 0.4, "what is rigid stores none"
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -187,6 +197,7 @@ def test_a_cloth_let_go_comes_to_rest_by_the_air_and_not_by_the_steps(device):
         (lambda: replace(FABRICS["silk"], areal_mass="70"), "Fabric.areal_mass is '70'; allowed is a finite number"),
         (lambda: replace(FABRICS["silk"], damping="slow"), "Fabric.damping is 'slow'; allowed is a number"),
         (lambda: Rope.of("steel cable", radius="6 mm"), "Rope.radius is '6 mm'; allowed is"),
+        (lambda: Cloth.of("silk", bend_compliance="soft"), "Cloth.bend_compliance is 'soft'; allowed is"),
         (lambda: Cloth.of(["silk"]), r"material is \['silk'\]; allowed is one of cotton"),
     ],
 )

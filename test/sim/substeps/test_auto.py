@@ -162,7 +162,7 @@ def test_beyond_the_budget_it_gives_the_nearest_and_says_what_is_missed():
         sim.step(20)
     rich, poor = (sim.choices["it"] for sim in sims)
     assert "budget" not in rich.reason
-    assert f"its error is {poor.error:.2g} instead of 0.001; a larger solver.budget" in poor.reason
+    assert f"its error is {poor.error:.3g} instead of 0.001; a larger solver.budget" in poor.reason
     assert poor.substeps < rich.substeps and poor.error > max(1e-3, rich.error)
 
 
