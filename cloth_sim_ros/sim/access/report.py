@@ -170,9 +170,10 @@ def measure_object(batch: Batch, name: str, world: int) -> dict[str, float]:
 
 
 def _elastic(batch: Batch, b: int, world: int, kinetic: float) -> dict[str, float]:
-    """Return the elastic energy of body b at the end of the last frame, if it is found."""
+    """Return the elastic energy of body b, if it is found."""
     if batch.ledger is None:
         return {}
+    batch.ledger.open()  # what was written since the last frame changes it
     _, _, whole, weight = batch.states["ledgers"].numpy()[world, b]
     return {"elastic_energy": float(whole - weight) - kinetic}
 

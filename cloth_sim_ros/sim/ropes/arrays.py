@@ -22,6 +22,7 @@ class Between:
     push: wp.vec3  # [kg m]
     hold: wp.mat33  # [kg]
     point: Point
+    eased: float  # see Press [m]
 
 
 @wp.struct

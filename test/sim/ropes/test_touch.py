@@ -23,6 +23,11 @@ def mechanical_energy(sim):
     return G * masses @ sim.positions("it")[:, 2] + 0.5 * masses @ (v**2).sum(axis=1)
 
 
+def whole_energy(sim):
+    """The energy of the object `it` [J]."""
+    return mechanical_energy(sim) + sim.report()["it"]["elastic_energy"]
+
+
 def leaning(angle, friction, rigidity=5.0, segments=20, length=1.0, device="cpu", **settings):
     """A rod that leans at `angle` [rad] from a smooth wall x = 0, with its foot on a rough floor z = 0."""
     radius, mu = 0.003 * length, {"static_friction": friction, "kinetic_friction": friction}
@@ -384,9 +389,15 @@ def test_a_rope_that_is_thrown_obliquely_on_a_floor_gains_no_energy(device, mate
             assert energy < lowest + 0.02 * 12.5 * rope.mass
 
 
-@pytest.mark.parametrize("seed", [4, 182])
-def test_a_rope_that_is_thrown_on_a_drum_gains_no_energy(device, seed):
-    """With history from frames of few substeps one gains 80 %; with friction at no point of a segment another 29 %."""
+@pytest.mark.parametrize(
+    ("seed", "substeps"), [(4, 0), (182, 0), (94, 0), (67, 0), (98, 400), (50, 400), (20, 400), (109, 400)]
+)
+def test_a_rope_that_is_thrown_on_a_drum_gains_no_energy(device, seed, substeps):
+    """With history from frames of few substeps one gains 80 %; with friction at no point of a segment another 29 %.
+
+    One that falls flat on the rim gained up to nine times its energy, as the lid was rounded at once where it came to
+    lie. Others bounced off with a third of their speed, as segments that were hit kept the past of their other end.
+    """
     random = np.random.default_rng(seed)
     along = random.normal(size=3) * (1.0, 1.0, 0.3)
     along /= np.linalg.norm(along)
@@ -394,13 +405,18 @@ def test_a_rope_that_is_thrown_on_a_drum_gains_no_energy(device, seed):
     half = 0.5 * random.uniform(0.4, 1.0) * along
     ends = {"start": tuple(middle - half), "end": tuple(middle + half)}
     rope = Rope.of("rubber hose", segments=16, pins=None, damping=0.0, bend_damping=0.0, **ends)
-    sim = Simulation(Scene({"it": rope}, {"drum": Cylinder(0.1, 0.1), **FAR}), Settings(sleep=False), device)
+    sim = Simulation(
+        Scene({"it": rope}, {"drum": Cylinder(0.1, 0.1), **FAR}), Settings(sleep=False, substeps=substeps), device
+    )
     speed, spin = random.uniform(1, 4), 3.0 * random.normal(size=3)
     sim.set_velocities("it", np.cross(spin, sim.positions("it") - middle) - (0.0, 0.0, speed))
-    start = mechanical_energy(sim)
+    start = before = whole_energy(sim)
+    scale = sim.report()["it"]["kinetic_energy"] + rope.mass * G * middle[2]
     for _ in range(60):
         sim.step()
-        assert mechanical_energy(sim) < start + 0.01 * 9.81 * rope.mass
+        now = whole_energy(sim)
+        assert now < start + 0.005 * scale and now < before + 0.02 * scale
+        before = now
 
 
 @pytest.mark.parametrize("substeps", [10, 20, 0])

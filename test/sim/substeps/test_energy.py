@@ -114,6 +114,17 @@ def test_elastic_energy_is_that_of_the_springs(bending):
     assert sim.report()["it"]["elastic_energy"] == pytest.approx(energy_of(sim)[1], rel=1e-4)
 
 
+def test_elastic_energy_is_right_between_frames():
+    """It was what the last frame left, less the kinetic energy of now."""
+    sim = Simulation(Scene({"it": Cloth(resolution=(SIZE, SIZE), bending="none", pins="corners")}), Settings(), "cpu")
+    sim.step(3)
+    elastic = sim.report()["it"]["elastic_energy"]
+    sim.set_velocities("it", np.full((SIZE * SIZE, 3), 2.0))
+    assert sim.report()["it"]["elastic_energy"] == pytest.approx(elastic, rel=1e-3)
+    start(sim, "three times")
+    assert sim.report()["it"]["elastic_energy"] == pytest.approx(energy_of(sim)[1], rel=1e-4)
+
+
 def bow(segments=20, length=1.0, chord=0.7):
     """Points of an arc that hangs between two points `chord` apart [m]."""
     half = brentq(lambda a: length * np.sin(a) / a - chord, 1e-3, 3.0)

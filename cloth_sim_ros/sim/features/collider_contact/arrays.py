@@ -47,11 +47,12 @@ class Press:
     barycentric `weights`. rub: friction correction [kg m] at the point with weights `rubbed`. normal: out of the
     collider. so_far: friction and normal correction in this substep [kg m]; of a rope the forces [N], also of the
     last substep. lean, acted: of a rope normal and state of the contact in its solve, and the correction [kg m], see
-    lean.py. friction: of a rope, see physics/friction.py. rounded: height by which a flat face is rounded there [m].
-    stuck, anchor: friction pulls the point with weights `stuck` to `anchor` [m], in the collider's axes. slides: 1 if
-    it is at its limit; the anchor then follows at the distance that is left. stops: shares of their displacements that
-    the corners give up in substep `stopped`, along `front` (in the collider's axes) or, if that is 0, of all. load:
-    what a pinch adds along `normal` [kg m]. part: what of the push on a sheet ends an overlap [kg m], see part.py.
+    lean.py. friction: of a rope, see physics/friction.py. rounded: height by which a flat face is rounded there [m];
+    eased: by how much less than it would be. hits: 1 if a rope hits the collider there. stuck, anchor: friction pulls
+    the point with weights `stuck` to `anchor` [m], in the collider's axes. slides: 1 if it is at its limit; the anchor
+    then follows at the distance that is left. stops: shares of their displacements that the corners give up in substep
+    `stopped`, along `front` (in the collider's axes) or, if that is 0, of all. load: what a pinch adds along `normal`
+    [kg m]. part: what of the push on a sheet ends an overlap [kg m], see part.py.
     """
 
     when: int
@@ -65,6 +66,8 @@ class Press:
     acted: wp.vec3
     friction: wp.vec3
     rounded: float
+    eased: float
+    hits: int
     stuck: wp.vec3
     slides: int
     anchor: wp.vec3

@@ -32,7 +32,7 @@ from cloth_sim_ros.sim.features.grasp.hold import HELD
 from cloth_sim_ros.sim.kernels.intrinsics import load4, load_row, pack, store_row, xyz
 from cloth_sim_ros.sim.physics.distance import SHORTEST
 from cloth_sim_ros.sim.physics.friction import SLOW, coefficient, friction_correction, outward
-from cloth_sim_ros.sim.ropes.arrays import Point
+from cloth_sim_ros.sim.ropes.arrays import Between, Point
 
 # R in effective steps of SHORT [s]. In a shorter one it falls with the square, as a rounding error of a gap would make
 # ever more force. Below LEAST, contacts would open and close, and lose their friction. In longer steps it is as stiff
@@ -377,6 +377,17 @@ def _solved_between(k: int, ctx: Context) -> wp.vec3:
     return now.push - now.hold * _moved_at(corners, now.point, ctx)
 
 
+@wp.func
+def _eased(press: Press, start: float, ctx: Context) -> float:
+    """Return by how much less a face is rounded where it presses a segment [m].
+
+    start: the gap at the start of the substep [m]. A segment that falls flat on a face comes to where that is rounded
+    most at once, and would be thrown back. So the rounding starts at the gap, and grows as the segment tilts.
+    """
+    least = wp.clamp(press.rounded - start, 0.0, press.rounded)
+    return wp.where(press.when >= ctx.substep - 1, wp.min(press.eased, least), least)
+
+
 def _make_watch(features: Features):
     """Return a Warp function that opens the contact of a segment, and stores the point at which a collider presses it.
 
@@ -439,6 +450,16 @@ def _make_watch(features: Features):
     return watch
 
 
+@wp.func
+def _lean_on(k: int, now: Between, ctx: Context):
+    """Let segment k lean on a collider in the next solve, which counts moves from `starts`; now: as it is moved."""
+    place, moved = ctx.body.segments + k, _moved_at(corners_of(ctx.body.panels + k, ctx), now.point, ctx)
+    ctx.state.rope.between[place].push = now.push + now.hold * moved
+    ctx.state.rope.between[place].hold = now.hold
+    ctx.state.rope.between[place].point = now.point
+    ctx.state.rope.between[place].eased = now.eased
+
+
 def make_lean_between(features: Features):
     """Return a Warp function that finds what a collider does to segment k between its particles.
 
@@ -452,8 +473,8 @@ def make_lean_between(features: Features):
 
     @wp.func
     def lean_between(k: int, near: Near, ctx: Context, writes: bool) -> bool:
-        corners, place = corners_of(ctx.body.panels + k, ctx), ctx.body.segments + k
-        push, hold, point, most = wp.vec3(0.0), wp.mat33(0.0), Point(), float(0.0)
+        corners = corners_of(ctx.body.panels + k, ctx)
+        push, hold, point, most, less = wp.vec3(0.0), wp.mat33(0.0), Point(), float(0.0), float(0.0)
         solved = _solved_between(k, ctx)
         kept, acted, off, best = int(-1), bool(False), bool(False), Press()
         c = next_of(-1, near, False)
@@ -470,7 +491,9 @@ def make_lean_between(features: Features):
                 p, slip = point_of(facet, press.weights), slip_at(facet, press.weights)
                 met, _overlap = meet(corners, press.weights, collider, sweep, facet, ctx.material.thickness, ctx)
                 ratio = ratio_of(k - 1, k + 1, w, wp.transpose(sweep.to_local) * xyz(met), ctx)
-                met[3] += NOISE - press.rounded  # as in surface.py
+                met[3] += NOISE  # as in surface.py
+                eased = _eased(press, met[3] - wp.dot(slip, xyz(met)), ctx)
+                met[3] -= press.rounded - eased
                 local = sweep.to_local * press.normal
                 before = wp.vec3(0.0)
                 if press.when >= ctx.substep - 1:
@@ -487,21 +510,37 @@ def make_lean_between(features: Features):
                     hold = (1.0 / w) * slope_of(n, ratio, softness, found[3], push)
                     s, at = wp.sqrt(pressed / w * runs) * n, press.weights[1] + press.weights[2]
                     point = Point(1.0 - at, at, s[0], s[1], s[2])
-                    kept, best = entry, press
+                    kept, best, less = entry, press, eased
                     best.lean = pack(n, found[3])
                     best.friction = friction
                     change = push - solved
                     off = wp.length(change - wp.dot(change, n) * n) > OFF * friction[0] * pressed / w
             c = next_of(c, near, False)
-        if writes:  # the solve counts moves from `starts`
-            ctx.state.rope.between[place].push = push + hold * _moved_at(corners, point, ctx)
-            ctx.state.rope.between[place].hold = hold
-            ctx.state.rope.between[place].point = point
+        if writes:
+            _lean_on(k, Between(push, hold, point, less), ctx)
             if kept >= 0:
                 ctx.state.contact.presses[kept] = best
         return off or acted != (kept >= 0)
 
     return lean_between
+
+
+@wp.func
+def past_of(g: int, ctx: Context) -> wp.vec3:
+    """Return the displacement of particle g of the batch [m] that BDF2 goes on from."""
+    if ctx.step.second:
+        return ctx.state.last_displacements[g]
+    return ctx.step.effective * xyz(load_row(ctx.state.velocities, g))
+
+
+@wp.func
+def is_hit(past: wp.vec3, motion: wp.vec3, normal: wp.vec3, pressed: float) -> bool:
+    """Return True if what a rope leans on within its solve hits a point: it came nearer by more than half of `pressed`.
+
+    Then BDF2 forgets its past. Else it would rebound at half its speed. What is only pressed would do so if it did, by
+    the force that the solve carries.
+    """
+    return wp.dot(motion - past, normal) > 0.5 * pressed
 
 
 @wp.func
@@ -516,6 +555,8 @@ def keep_lean(k: int, near: Near, ctx: Context):
     moved = point[0] * (ctx.state.rope.solved[a] - ctx.state.rope.starts[a])
     moved += point[1] * (ctx.state.rope.solved[b] - ctx.state.rope.starts[b])
     acted = now.push - now.hold * moved
+    past = point[0] * past_of(a, ctx) + point[1] * past_of(b, ctx)
+    w = _inverse_mass(corners, wp.vec3(point[0], point[1], 0.0), ctx)
     c = next_of(-1, near, False)
     while c < ctx.colliders.shape[0]:
         entry = (ctx.body.panels + k) * ctx.colliders.shape[0] + c
@@ -523,10 +564,14 @@ def keep_lean(k: int, near: Near, ctx: Context):
         if lean[3] > 0.0:
             n = xyz(lean)
             pressed = wp.max(wp.dot(acted, n), 0.0)
+            hits = is_hit(past, ctx.state.contact.sweeps[ctx.sweep + c].motion, n, w * pressed)
             rub = friction_correction(wp.vec3(0.0), acted - wp.dot(acted, n) * n, pressed, friction)
             rub = ctx.state.contact.sweeps[ctx.sweep + c].to_local * rub
             ctx.state.contact.presses[entry].when = ctx.substep
+            ctx.state.contact.presses[entry].eased = now.eased
+            ctx.state.contact.presses[entry].rounded -= now.eased
             ctx.state.contact.presses[entry].normal = n
             ctx.state.contact.presses[entry].acted = acted
+            ctx.state.contact.presses[entry].hits = int(hits)
             ctx.state.contact.presses[entry].so_far = ctx.step.inverse_square * pack(rub, wp.dot(acted, n))
         c = next_of(c, near, False)

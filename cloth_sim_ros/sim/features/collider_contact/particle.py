@@ -7,7 +7,14 @@ from cloth_sim_ros.sim.arrays.context import Context
 from cloth_sim_ros.sim.arrays.model import Features
 from cloth_sim_ros.sim.features.collider_contact.arrays import Sweep
 from cloth_sim_ros.sim.features.collider_contact.broad_phase import Near, make_near_of, next_of, note, strays
-from cloth_sim_ros.sim.features.collider_contact.lean import exact_gap, friction_of, settled, solved_lean
+from cloth_sim_ros.sim.features.collider_contact.lean import (
+    exact_gap,
+    friction_of,
+    is_hit,
+    past_of,
+    settled,
+    solved_lean,
+)
 from cloth_sim_ros.sim.features.collider_contact.part import make_meet, note_parted, parted_of
 from cloth_sim_ros.sim.features.collider_contact.pinch import (
     depth_before_middle,
@@ -119,7 +126,7 @@ def forget(met: Met, moved: wp.vec3, push: Push, ctx: Context) -> wp.vec3:
     Returns the correction [m] whose effect on the momentum equals that of the forgotten part.
     """
     step, v = ctx.step, xyz(load_row(ctx.state.velocities, met.slot))
-    past = wp.where(step.second, ctx.state.last_displacements[met.slot], step.effective * v)
+    past = past_of(met.slot, ctx)
     lost = wp.vec3(0.0)
     pressed = wp.length(push.way)
     normal = push.way / wp.max(pressed, 1.0e-20)
@@ -224,11 +231,10 @@ def make_leave(features: Features):
     return leave
 
 
-def make_pushed(features: Features):
+def _make_pushed(features: Features):
     """Return a Warp function: a Push with one more collider, for the past that BDF2 keeps of a particle's motion.
 
-    What a rope leans on within its solve counts only as it is hit: the particle came nearer by more than half of what
-    it is pressed back. Else it would rebound at half its speed, pressed once more by the force that the solve carries.
+    What a rope leans on within its solve counts only as it hits the particle.
     """
 
     @wp.func
@@ -236,11 +242,8 @@ def make_pushed(features: Features):
         push: Push, normal: wp.vec3, pressed: float, motion: wp.vec3, entry: int, leaned: bool, met: Met, ctx: Context
     ) -> Push:
         if wp.static(features.leans):
-            if leaned:
-                v = xyz(load_row(ctx.state.velocities, met.slot))
-                past = wp.where(ctx.step.second, ctx.state.last_displacements[met.slot], ctx.step.effective * v)
-                if wp.dot(motion - past, normal) <= 0.5 * pressed:
-                    return push
+            if leaned and not is_hit(past_of(met.slot, ctx), motion, normal, pressed):
+                return push
         if wp.static(features.order == 2):
             return with_push(push, normal, pressed, motion, entry)
         return push
@@ -255,7 +258,7 @@ def make_touch(features: Features):
     """
     meet, leave = make_meet(features), make_leave(features)
     before_of, correct, leans = _make_before(features), _make_correct(features), features.leans
-    pushed_on, least = make_pushed(features), least_mass(features)
+    pushed_on, least = _make_pushed(features), least_mass(features)
 
     @wp.func
     def contact(i: int, met: Met, ctx: Context, width: float) -> int:

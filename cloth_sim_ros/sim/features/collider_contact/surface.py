@@ -31,7 +31,6 @@ from cloth_sim_ros.sim.features.collider_contact.particle import (
     add_force,
     least_mass,
     make_leave,
-    make_pushed,
     make_touch,
     with_push,
 )
@@ -59,6 +58,7 @@ _SQUEEZED = wp.constant(1.5)
 # Largest distance that friction leaves a sliding facet from its anchor, as a fraction of the thickness. One that was
 # pushed away by more is not pulled back.
 _MOST_LEFT = wp.constant(0.1)
+NOT_YET = wp.constant(1.0e30)  # of a press outside of a rope's solve: the next one within it has no past
 LONG_AGO = wp.constant(-2)  # number of a substep that no next one can continue from
 
 
@@ -276,6 +276,9 @@ def _make_presses(features: Features):
         if wp.max(found.weights) == 0.0:
             return False
         _keep(found, entry, ctx)
+        if wp.static(leans):
+            if last.lean[3] == 0.0:
+                ctx.state.contact.presses[entry].eased = NOT_YET
         return True
 
     return presses
@@ -350,9 +353,8 @@ def yield_of(i: int, c: int, ctx: Context) -> Yield:
 def _make_leaned(features: Features):
     """Return a Warp function that adds to forces what colliders did to segments around particle i in the solve.
 
-    It returns the push by those that hit them, see make_pushed.
+    It returns the push by those that hit them.
     """
-    pushed_on = make_pushed(features)
 
     @wp.func
     def leaned(i: int, w: float, met: Met, ctx: Context) -> Push:
@@ -366,12 +368,14 @@ def _make_leaned(features: Features):
                 at = q * ctx.colliders.shape[0] + c
                 lean = ctx.state.contact.presses[at].lean
                 if ctx.state.contact.presses[at].when == ctx.substep and lean[3] > 0.0:
-                    weights = ctx.state.contact.presses[at].weights
-                    share = wp.where(first, weights[0], weights[1] + weights[2]) * ctx.state.contact.presses[at].acted
+                    weights, acted = ctx.state.contact.presses[at].weights, ctx.state.contact.presses[at].acted
+                    share = wp.where(first, weights[0], weights[1] + weights[2]) * acted
                     entry = met.slot * ctx.colliders.shape[0] + c
                     add_force(entry, met.share * share, ctx)
                     n, motion = xyz(lean), ctx.state.contact.sweeps[ctx.sweep + c].motion
-                    push = pushed_on(push, n, w * wp.dot(share, n), motion, entry, True, met, ctx)
+                    if wp.static(features.order == 2):
+                        if ctx.state.contact.presses[at].hits == 1:
+                            push = with_push(push, n, w * wp.dot(share, n), motion, entry)
         return push
 
     return leaned
