@@ -21,7 +21,7 @@ import numpy as np
 
 from cloth_sim_ros.sim.input.regular_file import check_regular, open_regular
 
-FORMAT = 21  # format number of files that this package writes and reads
+FORMAT = 22  # format number of files that this package writes and reads
 ALLOWED = "allowed is a file that Simulation.save has written"
 _KIND, _HEADER = "state of cloth_sim_ros", "header"
 _MOST_HEADER = 64 << 20  # largest header [bytes]; 65,536 worlds with their scales need a tenth of it

@@ -71,7 +71,7 @@ def test_another_version_or_content_is_refused(whole, tmp_path):
     sim, path = whole
     for version in (0, 1, 2, 3, 4, 5, 6, 7, 8, None, "9"):
         told = refusal(sim, changed(path, tmp_path / "v.npz", format=version, package="9.9"), tmp_path)
-        assert f"has format version {version!r}, of package 9.9; allowed is version 21" in told
+        assert f"has format version {version!r}, of package 9.9; allowed is version 22" in told
     bad = {
         "batches": [["else"]],
         "settings": {"substeps": -1},
