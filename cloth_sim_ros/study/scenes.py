@@ -6,13 +6,18 @@ substeps. The settings of a scene take turns, so that whatever else the machine 
 installed have rows of the bare sheet.
 
 `hands` is a towel of cotton of 0.5 m that two hands hold, `towel` one that falls on a ball and the floor, and `table`
-one that lies on a table. `cable` is a steel cable of 1 m between two hands, in twice as many segments.
+one that lies on a table. `denim`, `silk` and `terry` fall as `towel` does, and `apart` is kept apart from itself.
+`tube` is a mesh of jersey that hangs over a ball. `cable` is a steel cable of 1 m between two hands, in twice as many
+segments.
 
 `bare` is a level sheet held at two corners, `clamped` by its whole edge. `curtain` has a ball, wind, dashpots and
 bending springs. `wind` is a curtain in nothing but wind, `ball` one with a ball too, `finger` one with a ball of 3 cm
 that facets have to keep out. `cotton` is `ball` of cotton. `plate` is a curtain in wind that bends as a plate of
 1e-4 N m. `mesh` is irregular and hangs by two corners, `mesh ball` has ball and wind too. `fold` is a towel that falls
 on its edge and is kept apart from itself, `fold through` the same without.
+
+--halves has a row for each of the scenes that people have, at the defaults: both half seconds of its first second,
+with the error that the simulation measures (halves.py).
 
 --features adds what each feature of a scene costs, on a hung sheet with all springs, in turns.
 """
@@ -22,18 +27,18 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import Delaunay
 
 from cloth_sim_ros.sim import Cloth, Handle, Plane, Rope, Scene, Settings, Simulation, Sphere, Wind
-from cloth_sim_ros.study import feature_costs
+from cloth_sim_ros.study import feature_costs, halves
 from cloth_sim_ros.study.case import BODY, Case
 from cloth_sim_ros.study.contenders import Run
 from cloth_sim_ros.study.norms import rms
 from cloth_sim_ros.study.peers import PEERS
-from cloth_sim_ros.study.timing import frame_time, machine, quartiles
+from cloth_sim_ros.study.timing import frame_time, machine, spread
 
 FRAMES = 30  # of 1/60 s
 SETTINGS = {
@@ -81,10 +86,29 @@ def hand(x: float, y: float, z: float, reach: float = 0.02) -> Handle:
     return Handle(position=(x, y, z), reach=reach, attached=True)
 
 
-def towel(resolution: int, height: float) -> Cloth:
-    """A towel of cotton, 0.5 m, that lies free at a height [m]."""
-    fields = {"resolution": (resolution, resolution), "size": (0.5, 0.5), "position": (0, 0, height)}
-    return Cloth.of("cotton", pins=None, **fields)
+def towel(resolution: int, height: float, material: str = "cotton", **more: object) -> Cloth:
+    """A towel of 0.5 m that lies free at a height [m]."""
+    fields = {"resolution": (resolution, resolution), "size": (0.5, 0.5), "position": (0, 0, height), **more}
+    return Cloth.of(material, pins=None, **fields)
+
+
+def falling(sheet: Cloth) -> Scene:
+    """A sheet above a ball and the floor."""
+    return Scene({BODY: sheet}, {"ball": Sphere(radius=0.12, position=(0, 0, 0.25)), "floor": Plane()})
+
+
+def tube(around: int) -> Scene:
+    """A tube of jersey, 0.6 m long, of `around` vertices a ring. Every sixth of its upper rim is held, over a ball."""
+    along = around * 3 // 4
+    turn, height = np.meshgrid(np.arange(around), np.linspace(0.6, 1.2, along), indexing="ij")
+    angle = 2.0 * np.pi * turn / around
+    vertices = np.stack([0.2 * np.cos(angle), 0.15 * np.sin(angle), height], axis=-1).reshape(-1, 3)
+    number = np.arange(around * along).reshape(around, along)
+    a, b = number, np.roll(number, -1, axis=0)
+    corners = [a[:, :-1], b[:, :-1], b[:, 1:]], [a[:, :-1], b[:, 1:], a[:, 1:]]
+    triangles = np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in corners])
+    cloth = Cloth.from_mesh(vertices, triangles, material="jersey", pins=number[::6, -1].tolist())
+    return Scene({BODY: cloth}, {"ball": Sphere(radius=0.1, position=(0, 0, 0.9))})
 
 
 def fold(resolution: int, itself: bool) -> Scene:
@@ -99,9 +123,12 @@ SCENES: dict[str, Callable[[int], Scene]] = {
     "hands": lambda n: Scene(
         {BODY: towel(n, 0.5)}, handles={"left": hand(-0.25, 0.25, 0.5), "right": hand(0.25, 0.25, 0.5)}
     ),
-    "towel": lambda n: Scene(
-        {BODY: towel(n, 0.5)}, {"ball": Sphere(radius=0.12, position=(0, 0, 0.25)), "floor": Plane()}
-    ),
+    "towel": lambda n: falling(towel(n, 0.5)),
+    "denim": lambda n: falling(towel(n, 0.5, "denim")),
+    "silk": lambda n: falling(towel(n, 0.5, "silk")),
+    "terry": lambda n: falling(towel(n, 0.5, "towel")),
+    "apart": lambda n: falling(towel(n, 0.5, self_contact=True)),
+    "tube": tube,
     "table": lambda n: Scene({BODY: towel(n, 0.002)}, {"table": Plane()}),
     "cable": lambda n: Scene(
         {BODY: Rope.of("steel cable", segments=2 * n, start=(0, 0, 0), end=(1, 0, 0), pins=None)},
@@ -131,6 +158,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resolution", type=int, nargs="+", default=[32], help="particles a side")
     parser.add_argument("--settings", choices=SETTINGS, nargs="+", default=list(SETTINGS))
     parser.add_argument("--worlds", type=int, default=1, help="copies of the scene in the same launches")
+    parser.add_argument("--halves", action="store_true", help="both half seconds of all real scenes, at the defaults")
     parser.add_argument("--features", action="store_true", help="also what each feature costs, at the last resolution")
     parser.add_argument("--rounds", type=int, default=5, help="turns that each of the settings takes")
     parser.add_argument("--reference", type=int, default=800, help="substeps of what a scene is judged by")
@@ -138,6 +166,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, and print the table last."""
+    if arguments.halves:
+        print(halves.table(SCENES, arguments.device, arguments.rounds))
+        return 0
     rows = []
     for name in arguments.scene:
         for resolution in arguments.resolution:
@@ -195,9 +226,3 @@ def frames_of(sim: Simulation) -> np.ndarray:
         sim.step()
         found.append(sim.positions(BODY))
     return np.array(found, dtype=np.float64)
-
-
-def spread(times: Sequence[float]) -> str:
-    """Return median and quartiles [ms] in a few characters."""
-    numbers = quartiles(times)
-    return f"{numbers['median']:.3g} ({numbers['low']:.3g}-{numbers['high']:.3g})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
@@ -57,9 +57,15 @@ def frame_time(sim: Simulation, frames: int) -> float:
     return milliseconds(run, device) / frames
 
 
-def quartiles(numbers: np.ndarray) -> dict[str, float]:
+def quartiles(numbers: Sequence[float]) -> dict[str, float]:
     """Return low, median and high: the quartiles of `numbers`."""
     return dict(zip(("low", "median", "high"), np.percentile(numbers, (25, 50, 75)), strict=True))
+
+
+def spread(times: Sequence[float]) -> str:
+    """Return median and quartiles [ms] in a few characters."""
+    numbers = quartiles(times)
+    return f"{numbers['median']:.3g} ({numbers['low']:.3g}-{numbers['high']:.3g})"
 
 
 def machine(device: str) -> dict[str, str]:

@@ -50,6 +50,7 @@ class ParameterBridge:
         self._followed: set[str] = set()  # parameters that the last change sets through a material
         self._refused: dict[str, str] = {}  # start-up value -> what is wrong with it
         self._declare_all()
+        self._warn_bare()
         self._warn_unknown()
         self._warn_idle()
         node.add_pre_set_parameters_callback(self._coerce)
@@ -153,6 +154,15 @@ class ParameterBridge:
             self._refused[name] = str(error)
             del self._given[name]
             return default
+
+    def _warn_bare(self) -> None:
+        """Warn of names that a file lists but says nothing else of, as a misspelt section does."""
+        described = {name.partition(".")[0] for name in self._node._parameter_overrides if "." in name}
+        for what in (each for each in names.NAMED if each in self._given):
+            for name in filter(lambda each: each not in described, self.values[what]):
+                close = _closest(name, described - {*names.GROUPS, *self.values[what]})
+                hint = f"; did you mean {close}?" if close else ""
+                self._log.warning(f"{what} holds {name!r}, but no parameter is set for it, so all have defaults{hint}")
 
     def _warn_idle(self) -> None:
         """Warn of given values without an effect, unless another given value switches them off."""

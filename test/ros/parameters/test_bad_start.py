@@ -79,6 +79,15 @@ def test_every_mistake_is_said_and_the_rest_works(start, client):
     assert len(fields(clouds[0])) == 32 * 32
 
 
+def test_a_name_without_parameters_is_said(start):
+    text = "objects: [towel, cord]\n    towle: {material: cotton}\n    cord: {size: [1, 1]}\n    colliders: [rock]"
+    node = start(f"cloth_sim:\n  ros__parameters:\n    {text}\n").ready()
+    lines = [line for line in node.log.splitlines() if "no parameter is set for it" in line]
+    assert len(lines) == 2
+    assert "objects holds 'towel'" in lines[0] and lines[0].endswith("so all have defaults; did you mean towle?")
+    assert "colliders holds 'rock'" in lines[1] and lines[1].endswith("so all have defaults")
+
+
 def test_a_mesh_can_be_mended_while_the_node_runs(start, client, tmp_path):
     pytest.importorskip("trimesh")
     node = start("cloth_sim:\n  ros__parameters:\n    objects: [shirt]\n    shirt: {mesh: /nowhere/shirt.obj}\n")
