@@ -109,8 +109,9 @@ def test_a_place_by_parameter_takes_a_collider_back(heights, client):
         client.move("plate", (-0.2 + 0.01 * k, 0.0, 1.5))
         heights.end_of_rope()
         aside.append(fields(rope[-1])[-1, 0] if rope else 0.0)
-    client.spin(0.3)
-    assert max(aside) > 0.1 and height() == 1.5
+    client.until(lambda: height() == 1.5)
+    client.spin(0.3)  # the last moves arrive
+    assert max(aside) > 0.1
     assert list(client.get("plate.position")) == [0.0, 0.0, -5.0]
     assert client.set("plate.position", [0, 0, -5]).successful
     client.until(lambda: height() == -5.0)
