@@ -51,13 +51,12 @@ def _halves(sim: Simulation, rounds: int) -> list[tuple[np.ndarray, int, float]]
     Ten frames first load all kernels and record the graph of ten. Each round begins anew.
     """
     sim.step(10)
-    times, found = [], []
-    for _ in range(rounds):
+    times, told = np.zeros((2, rounds)), [(0, 0.0), (0, 0.0)]
+    for number in range(rounds):
         sim.reset()
         wp.synchronize_device(sim.device)
-        found = []
-        for _ in range(2):
-            times.append(milliseconds(lambda: [sim.step(10) for _ in range(FRAMES // 10)], wp.get_device(sim.device)))
-            found.append(sim.choices[BODY])
-    each = np.reshape(times, (rounds, 2)).T / FRAMES
-    return [(ms, choice.substeps, choice.error) for ms, choice in zip(each, found, strict=True)]
+        for half in range(2):
+            ms = milliseconds(lambda: [sim.step(10) for _ in range(FRAMES // 10)], wp.get_device(sim.device))
+            choice = sim.choices[BODY]
+            times[half, number], told[half] = ms / FRAMES, (choice.substeps, choice.error)
+    return [(ms, *chosen) for ms, chosen in zip(times, told, strict=True)]

@@ -5,10 +5,9 @@ The error is the RMS distance of all particles at all frames of half a second fr
 substeps. The settings of a scene take turns, so that whatever else the machine does falls on all alike. Peers that are
 installed have rows of the bare sheet.
 
-`hands` is a towel of cotton of 0.5 m that two hands hold, `towel` one that falls on a ball and the floor, and `table`
-one that lies on a table. `denim`, `silk` and `terry` fall as `towel` does, and `apart` is kept apart from itself.
-`tube` is a mesh of jersey that hangs over a ball. `cable` is a steel cable of 1 m between two hands, in twice as many
-segments.
+`hands` is a towel of cotton of 0.5 m that two hands hold. `towel` falls on a ball and the floor, and `table` lies on a
+table. `denim`, `silk` and `terry` fall as `towel` does, and `apart` is kept apart from itself. `tube` is a mesh of
+jersey that hangs over a ball. `cable` is a steel cable of 1 m between two hands, in twice as many segments.
 
 `bare` is a level sheet held at two corners, `clamped` by its whole edge. `curtain` has a ball, wind, dashpots and
 bending springs. `wind` is a curtain in nothing but wind, `ball` one with a ball too, `finger` one with a ball of 3 cm

@@ -157,9 +157,12 @@ class ParameterBridge:
 
     def _warn_bare(self) -> None:
         """Warn of names that a file lists but says nothing else of, as a misspelt section does."""
+        # Of all that was given, as values that are refused describe a thing, too.
         described = {name.partition(".")[0] for name in self._node._parameter_overrides if "." in name}
-        for what in (each for each in names.NAMED if each in self._given):
-            for name in filter(lambda each: each not in described, self.values[what]):
+        for what in names.NAMED:
+            for name in self.values[what]:
+                if name in described:
+                    continue
                 close = _closest(name, described - {*names.GROUPS, *self.values[what]})
                 hint = f"; did you mean {close}?" if close else ""
                 self._log.warning(f"{what} holds {name!r}, but no parameter is set for it, so all have defaults{hint}")
