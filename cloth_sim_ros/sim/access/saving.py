@@ -217,17 +217,15 @@ def _check_numbers(path: Path, bodies: Bodies, arrays: dict[str, np.ndarray]) ->
                 ("panels", ..., 0, sum(batch.counts) - 1),
                 ("panel_parts", (..., 0), 0, len(segments) - 1),
                 ("substeps", ..., 0, _MOST_SUBSTEPS),
+                *((name, ..., 0, 0) for name in ("divisors", "factors")),  # as no frame is under way
                 *((name, "index", 0, segments - 1) for name in ("winches", "good_winches")),
                 *((name, by, -1, handles) for name in ("twists", "good_twists") for by in ("start_by", "end_by")),
             )
         ]
-        if f"batch{k}/factors" in arrays:
-            most = _MOST_SUBSTEPS // np.maximum(arrays[f"batch{k}/substeps"], 1)
-            ranges.append((f"batch{k}/factors", ..., 0, most))
     for name, field, least, most in ranges:
         rows = arrays.get(name)
         if rows is not None and not ((rows[field] >= least) & (rows[field] <= most)).all():
-            raise ValueError(f"{path} cannot be used: {name} names what is not there; {ALLOWED}")
+            raise ValueError(f"{path} cannot be used: {name} has numbers that are out of range; {ALLOWED}")
 
 
 def structure_of(bodies: Bodies) -> dict[str, str]:

@@ -183,11 +183,16 @@ def fingers():
     }
 
 
-@pytest.mark.parametrize("name", ["box", "finger", "hook"])
-@pytest.mark.parametrize(("resolution", "speed"), [(12, 10.0), (24, 1.0)])
+@pytest.mark.parametrize(
+    ("name", "resolution", "speed"),
+    [*((name, 12, 10.0) for name in ("box", "finger")), *((name, 24, 1.0) for name in ("box", "finger", "hook"))],
+)
 @pytest.mark.long
 def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
-    """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side."""
+    """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side.
+
+    A hook may pass a coarse sheet, as method.md says of colliders that are not convex.
+    """
     finger, outside = fingers()[name]
     sheet, beside, height = Cloth(resolution=(resolution, resolution), pins="edges"), (0.013, 0.017), -0.2
     finger = replace(finger, position=(*beside, height))
