@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Dry contact in float64, to judge the solver by: explicit steps, then a projection out of colliders.
 
-In the limit of small steps this is a plastic impact (no rebound) with Coulomb's friction, first order in the step. The
-code shares nothing with the solver that it judges.
+In the limit of small steps this is a plastic impact (no rebound) with Coulomb's friction, which falls from the static
+to the kinetic coefficient as a slip gets faster (Stribeck 1902). It is first order in the step. The code shares nothing
+with the solver that it judges.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import numpy as np
 from cloth_sim_ros.sim import Cloth, Plane, Rope, Sphere
 from cloth_sim_ros.study.motion import Step
 from cloth_sim_ros.study.springs import SpringSystem
+
+SLOW = 0.05  # slip [m/s] from which on friction is kinetic; slower slips have more, up to the static friction at rest
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ def obstacle(collider: Plane | Sphere, body: Cloth | Rope) -> Obstacle:
 
 
 def projected_leapfrog(obstacles: Iterable[Obstacle]) -> Step:
-    """A kick and a drift, then for each obstacle the normal and Coulomb's tangential correction (Moreau 1988)."""
+    """A kick and a drift, then for each obstacle the normal and the tangential correction of friction (Moreau 1988)."""
     obstacles = tuple(obstacles)
 
     def step(system: SpringSystem, x: np.ndarray, v: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -59,8 +62,10 @@ def projected_leapfrog(obstacles: Iterable[Obstacle]) -> Step:
             d = d + pressed[:, None] * normal
             slip = d - (d * normal).sum(axis=1, keepdims=True) * normal
             size = np.linalg.norm(slip, axis=1)
-            slides = size > each.static_friction * pressed
-            share = np.where(slides, each.kinetic_friction * pressed / np.maximum(size, 1e-300), 1.0)
+            beyond = size - each.static_friction * pressed
+            fallen = np.clip(beyond / (SLOW * h), 0.0, 1.0) * (each.static_friction - each.kinetic_friction)
+            friction = (each.static_friction - fallen) * pressed
+            share = np.where(beyond > 0.0, friction / np.maximum(size, 1e-300), 1.0)
             d = d - np.where(pressed > 0.0, np.minimum(share, 1.0), 0.0)[:, None] * slip
         return x + d, d / h
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from cloth_sim_ros.sim import Capsule, Cloth, Plane, Rope, Sphere
 from cloth_sim_ros.study.closed_forms import contact
+from cloth_sim_ros.study.contact import SLOW
 
 GRAVITY = 9.81
 BALL = {"ball": Sphere(radius=0.3, position=(0.0, 0.0, -0.325))}
@@ -60,8 +61,8 @@ def sliding_sheet(resolution: int, constant: float) -> Cloth:
 
 def sliding_frames(start: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return positions (F, N, 3) [m] at `times` [s] of a body that slides down the slope from rest, as a whole."""
-    a = contact.incline_acceleration(_SLOPE, 0.5, 0.3, GRAVITY)
-    return start + 0.5 * a * (times**2)[:, None, None] * _DOWN
+    ways = contact.incline_distance(times, _SLOPE, 0.5, 0.3, SLOW, GRAVITY)
+    return start + ways[:, None, None] * _DOWN
 
 
 def rope_over_drum(resolution: int, constant: float) -> Rope:

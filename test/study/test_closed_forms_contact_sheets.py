@@ -20,6 +20,19 @@ def test_incline_sticks_and_slides():
     assert contact.incline_acceleration(angle, 0.5, 0.4, G) == pytest.approx(G * (np.sin(angle) - 0.4 * np.cos(angle)))
 
 
+@pytest.mark.parametrize("kinetic", [0.3, 0.5])
+def test_incline_while_friction_falls(kinetic):
+    angle, times = np.radians(35.0), np.array([0.01, 0.05, 0.5])
+
+    def motion(t, state):
+        friction = kinetic + (0.5 - kinetic) * max(1.0 - state[1] / 0.05, 0.0)
+        return [state[1], G * (np.sin(angle) - friction * np.cos(angle))]
+
+    found = contact.incline_distance(times, angle, 0.5, kinetic, 0.05, G)
+    assert found == pytest.approx([integrated(motion, [0.0, 0.0], t)[0] for t in times], rel=1e-8)
+    assert contact.incline_distance(1.0, np.arctan(0.5) - 1e-6, 0.5, kinetic, 0.05, G) == 0.0
+
+
 def test_capstan_nodes_tend_to_the_exponential():
     smooth = contact.capstan_ratio(0.3, np.pi)
     errors = [abs(contact.capstan_ratio_of_nodes(0.3, np.pi, n) / smooth - 1.0) for n in (20, 40)]

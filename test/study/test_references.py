@@ -10,7 +10,7 @@ from cloth_sim_ros.study import exact, implicit, motion, norms
 from cloth_sim_ros.study.case import BODY, FRAME_DT
 from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.closed_forms import bending, contact, oscillator, ropes
-from cloth_sim_ros.study.contact import obstacle, projected_leapfrog
+from cloth_sim_ros.study.contact import SLOW, obstacle, projected_leapfrog
 from cloth_sim_ros.study.springs import SpringSystem
 
 
@@ -183,9 +183,9 @@ def test_contact_follows_coulomb_down_a_slope(slope):
     x = np.array([[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]) + 0.01 * normal
     step = projected_leapfrog([obstacle(floor, body)])
     frames = motion.frames_by(step, system, x, np.zeros_like(x), 0.05, 10, 200)[0]
-    a = contact.incline_acceleration(slope, 0.4, 0.3, 9.81)
-    assert (a > 0.0) == (slope == 0.6)
-    assert frames[-1] == pytest.approx(x + 0.5 * a * 0.5**2 * down, abs=1e-3)
+    way = contact.incline_distance(0.5, slope, 0.4, 0.3, SLOW, 9.81)
+    assert (way > 0.0) == (slope == 0.6)
+    assert frames[-1] == pytest.approx(x + way * down, abs=1e-3)
 
 
 def test_contact_stops_what_falls_on_a_ball():
@@ -211,7 +211,8 @@ def test_bending_of_the_reference_is_the_beams():
 
 @pytest.mark.long
 @pytest.mark.parametrize("case, settings, error", [
-    ("incline", {"order": 2, "substeps": 40}, 2e-6),
+    ("incline", {"order": 2, "substeps": 40}, 2e-4),  # of first order while friction falls with the slip
+    ("incline", {"order": 2, "substeps": 160}, 5e-5),
     ("cantilever", {"order": 2, "substeps": 40, "iterations": 4}, 3e-5),
     ("ball", {"order": 2, "substeps": 40, "iterations": 4}, 2e-5),
     ("capstan", {"order": 2, "substeps": 160}, 6e-3),
