@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The references judge the solver, so they are judged here: orders, invariants, each other and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cloth_sim_ros.sim import Cloth, Plane, Settings, Sphere
-from cloth_sim_ros.study import exact, implicit, motion, norms
+from cloth_sim_ros.sim import Cloth, Plane, Scene, Settings, Simulation, Sphere
+from cloth_sim_ros.study import contact_cases, exact, implicit, motion, norms
 from cloth_sim_ros.study.case import BODY, FRAME_DT
 from cloth_sim_ros.study.cases import CASES
 from cloth_sim_ros.study.closed_forms import bending, contact, oscillator, ropes
@@ -207,6 +209,17 @@ def test_bending_of_the_reference_is_the_beams():
     loads = 9.81 * system.masses[2:]
     chain = bending.cantilever_chain_tip(np.arange(1, 64) / 64, loads, 1 / 64, 2.0)
     assert -down[-1] == pytest.approx(chain, rel=1e-9)
+
+
+def test_a_sheet_slides_as_coulomb_says_where_friction_does_not_fall():
+    body, alike = contact_cases.sliding_sheet(8, 1e3), {"static_friction": 0.3, "kinetic_friction": 0.3}
+    scene = Scene({BODY: replace(body, **alike)}, {"slope": replace(contact_cases.SLOPE["slope"], **alike)})
+    sim = Simulation(scene, Settings(frame_dt=FRAME_DT, method="xpbd", order=2, substeps=40), "cpu")
+    start, slope = sim.positions(BODY).astype(float), np.radians(35.0)
+    sim.step(30)
+    way = 0.5 * contact.incline_acceleration(slope, 0.3, 0.3, 9.81) * (30 * FRAME_DT) ** 2
+    down = np.array([np.cos(slope), 0.0, -np.sin(slope)])
+    assert norms.rms(sim.positions(BODY) - start - way * down) < 2e-6
 
 
 @pytest.mark.long

@@ -183,16 +183,20 @@ def fingers():
     }
 
 
+HOOK = pytest.mark.xfail(strict=True, reason="a facet has one point in each collider, so a concave one may pass it")
+
+
 @pytest.mark.parametrize(
     ("name", "resolution", "speed"),
-    [*((name, 12, 10.0) for name in ("box", "finger")), *((name, 24, 1.0) for name in ("box", "finger", "hook"))],
+    [
+        *((name, 24, 1.0) for name in ("box", "finger", "hook")),
+        *((name, 12, 10.0) for name in ("box", "finger")),
+        pytest.param("hook", 12, 10.0, marks=HOOK),
+    ],
 )
 @pytest.mark.long
 def test_no_finger_with_edges_passes_a_sheet(device, name, resolution, speed):
-    """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side.
-
-    A hook may pass a coarse sheet, as method.md says of colliders that are not convex.
-    """
+    """It is a fifth of the spacing wide, or half of it, and lifts the sheet by half of its side."""
     finger, outside = fingers()[name]
     sheet, beside, height = Cloth(resolution=(resolution, resolution), pins="edges"), (0.013, 0.017), -0.2
     finger = replace(finger, position=(*beside, height))
